@@ -1,0 +1,11 @@
+//! Point surfaces: sampled shapes, neighbours, normals and areas, and the smooth surface through the points.
+
+pub mod areas;
+pub mod eigenvector;
+pub mod neighbours;
+pub mod normals;
+pub mod point_surface;
+pub mod shapes;
+
+pub use neighbours::NeighbourGrid;
+pub use point_surface::PointSurface;
