@@ -7,5 +7,6 @@
 //! SI units throughout: m, kg, s, N, Pa, rad. World frame z up.
 
 pub mod error;
+pub mod gauss_seidel;
 pub mod math;
 pub mod surface;
