@@ -60,6 +60,7 @@ impl World {
         times.w_deform = ws.problem.deform_time;
         times.hierarchy_update = ws.motion.hierarchy_time;
         self.steps += 1;
+        self.hands_arrived();
         let quarantined = self.workspace.motion.quarantined.iter().map(|&dense| self.handle_of(dense)).collect();
         StepReport {
             time: self.time(),

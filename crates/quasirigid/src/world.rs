@@ -130,11 +130,10 @@ impl World {
     ) -> Result<HandHandle> {
         check_pose("base pose", &base)?;
         let handle = HandHandle { index: self.hands.len() as u32 };
-        let mut fingers = Vec::with_capacity(model.fingers.len());
-        for (finger_model, tip) in model.fingers.iter().zip(&model.tips) {
-            let finger = Finger::new(finger_model.clone(), motion, base)?;
-            let link = finger.link_count() - 1;
-            let pad = Arc::new(Surface::build(surface.transformed(tip)?, control_points)?);
+        let mut fingers = Vec::with_capacity(model.fingers().len());
+        for (finger, tip) in model.instantiate(base, motion)?.into_iter().zip(model.tips()) {
+            let link = finger.model().dof() - 1;
+            let pad = Arc::new(Surface::build(surface.clone().transformed(&tip.pose)?, control_points)?);
             let skin = Some(Skin::new(pad, material.clone()));
             let entry = BodyEntry { body: Body::Finger(finger), skin, skin_link: link, hand: Some(handle.index), quarantined: false };
             fingers.push(self.add_entry(entry));

@@ -7,8 +7,6 @@ use crate::math::Vec3;
 /// One body of a world.
 #[derive(Debug, Clone)]
 pub struct BodyEntry {
-    /// Name for reports and viewers.
-    pub name: String,
     /// Coordinates, inertia, drives.
     pub body: Body,
     /// Its surface, if it can touch.

@@ -165,14 +165,15 @@ impl Border {
             border.push(node.first_point..node.first_point + node.point_count);
             for &other in surface.leaf_neighbours.row(leaf) {
                 let other = surface.tree.leaf(other as usize);
-                let reach = other.radius + surface.kernel.cutoff;
+                let reach = other.radius + surface.kernel.cutoff();
                 if (other.center - x).norm_squared() < reach * reach {
                     border.push(other.first_point..other.first_point + other.point_count);
                 }
             }
         } else {
             let spacing = (node.area / node.sample_len() as Real).sqrt();
-            (border.kernel, border.gap) = (Kernel::for_spacing(spacing), spacing);
+            // A node of points has a positive area: the kernel of the leaves is never the one used.
+            (border.kernel, border.gap) = (Kernel::for_spacing(spacing).unwrap_or(surface.kernel), spacing);
             for k in 0..node.sample_len() {
                 let point = node.sample(k) as u32;
                 border.push(point..point + 1);

@@ -42,8 +42,7 @@ pub fn constrained_motion(
         if entry.quarantined {
             continue;
         }
-        // A^-1 = S S^T.
-        let dx = free.displacement + free.inverse_root * (free.inverse_root.transpose() * force);
+        let dx = free.displacement + free.response(force);
         let before = entry.body.state();
         advance(&mut entry.body, free, &dx, force, context);
         if !entry.body.is_finite() {

@@ -9,6 +9,7 @@ use crate::body::{BodyEntry, pair_friction};
 use crate::collision::{Contact, Pair};
 use crate::free_motion::FreeMotion;
 use crate::gauss_seidel::{Assembled, ContactStatus, MatrixFree, NO_BODY};
+use crate::error::Result;
 use crate::math::{Mat3x6, Real, Vec3};
 use std::time::{Duration, Instant};
 
@@ -46,7 +47,10 @@ impl ContactProblem {
     }
 
     /// `W` as a sparse matrix of 3x3 blocks.
-    pub fn assembled(&self) -> Assembled {
+    ///
+    /// # Errors
+    /// None for a problem that a step has filled: its blocks were checked.
+    pub fn assembled(&self) -> Result<Assembled> {
         Assembled::from_matrix_free(&self.w)
     }
 }

@@ -68,9 +68,9 @@ impl LocalCompliance {
             row.push((i as u32, 1.0));
             if beta > 0.0 {
                 grid.for_each_within(p, reach, |j, distance2| {
-                    let facing = 0.5 * (1.0 + control.normals[i].dot(&control.normals[j]));
-                    if j != i && facing > 0.0 {
-                        row.push((j as u32, (-distance2 / (sigma * sigma)).exp() * facing * facing));
+                    let facing = 0.5 * (1.0 + control.normals[i].dot(&control.normals[j as usize]));
+                    if j as usize != i && facing > 0.0 {
+                        row.push((j, (-distance2 / (sigma * sigma)).exp() * facing * facing));
                     }
                 });
             }

@@ -1,7 +1,7 @@
 //! A surface made ready for contact: points in tree order, sphere tree, neighbours of every leaf, control points, interpolation.
 
 use crate::error::{Error, Result};
-use crate::math::{Real, Vec3};
+use crate::math::{Pose, Real, Vec3};
 use crate::surface::control_points::{ControlPoints, MAX_WEIGHTS, Weights};
 use crate::surface::moving_least_squares::Kernel;
 use crate::surface::neighbours::NeighbourGrid;
@@ -93,7 +93,7 @@ impl Surface {
             ));
         }
         let spacing = surface.spacing();
-        let kernel = Kernel::for_spacing(spacing);
+        let kernel = Kernel::for_spacing(spacing)?;
         let gaps = neighbour_gaps(surface.points(), spacing);
         let (tree, order) = SphereTree::build(surface.points(), surface.normals(), surface.areas(), &gaps, leaf_count);
         let pick = |values: &[Vec3]| order.iter().map(|&i| values[i as usize]).collect::<Vec<_>>();
@@ -101,7 +101,7 @@ impl Surface {
         let areas = order.iter().map(|&i| surface.areas()[i as usize]).collect();
         let leaf_gaps: Vec<Real> =
             (0..leaf_count).map(|l| tree.leaf(l).points().map(|k| gaps[order[k] as usize]).fold(0.0, Real::max)).collect();
-        let leaf_neighbours = neighbours_of_leaves(&tree, kernel.cutoff);
+        let leaf_neighbours = neighbours_of_leaves(&tree, kernel.cutoff());
         let border = |leaf: usize, ranges: &mut Vec<Range<u32>>| {
             for &l in std::iter::once(&(leaf as u32)).chain(leaf_neighbours.row(leaf)) {
                 let node = tree.leaf(l as usize);
@@ -156,6 +156,19 @@ impl Surface {
     }
 }
 
+impl PointSurface {
+    /// The surface turned and moved by `pose`.
+    ///
+    /// # Errors
+    /// [`Error::InvalidValue`] if the pose is not finite.
+    pub fn transformed(self, pose: &Pose) -> Result<Self> {
+        let (mut points, mut normals, areas) = self.into_parts();
+        points.iter_mut().for_each(|p| *p = pose.rotation * *p + pose.translation.vector);
+        normals.iter_mut().for_each(|n| *n = pose.rotation * *n);
+        Self::new(points, normals, areas)
+    }
+}
+
 /// Half the distance from each point to the farthest of its close neighbours, m.
 fn neighbour_gaps(points: &[Vec3], spacing: Real) -> Vec<Real> {
     let grid = NeighbourGrid::build(points, 2.0 * spacing);
@@ -164,7 +177,7 @@ fn neighbour_gaps(points: &[Vec3], spacing: Real) -> Vec<Real> {
         .iter()
         .map(|p| {
             grid.k_nearest(p, CLOSE_NEIGHBOURS + 1, &mut found);
-            0.5 * found.last().map_or(0.0, |&(_, distance2)| distance2.sqrt())
+            0.5 * found.last().map_or(0.0, |&(_, distance2): &(u32, Real)| distance2.sqrt())
         })
         .collect()
 }
@@ -180,8 +193,8 @@ fn neighbours_of_leaves(tree: &SphereTree, reach: Real) -> Rows {
         let radius = tree.leaf(leaf).radius;
         row.clear();
         grid.for_each_within(&centers[leaf], radius + largest + reach, |other, distance2| {
-            if other != leaf && distance2.sqrt() <= radius + tree.leaf(other).radius + reach {
-                row.push(other as u32);
+            if other as usize != leaf && distance2.sqrt() <= radius + tree.leaf(other as usize).radius + reach {
+                row.push(other);
             }
         });
         row.sort_unstable();
