@@ -2,10 +2,12 @@
 
 pub mod areas;
 pub mod eigenvector;
+pub mod moving_least_squares;
 pub mod neighbours;
 pub mod normals;
 pub mod point_surface;
 pub mod shapes;
 
+pub use moving_least_squares::{Kernel, Projection};
 pub use neighbours::NeighbourGrid;
 pub use point_surface::PointSurface;
