@@ -1,5 +1,7 @@
 //! Laws of the smooth surface: plane, sphere and box are reproduced as closely as the spacing allows.
 
+#![expect(clippy::single_range_in_vec_init, reason = "one range of candidates is meant")]
+
 use quasirigid::math::{Real, Vec3};
 use quasirigid::surface::PointSurface;
 use quasirigid::surface::moving_least_squares::{Kernel, Projection, project};

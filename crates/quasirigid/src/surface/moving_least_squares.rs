@@ -166,7 +166,7 @@ pub fn evaluate(
     Some((fit.distance(), fit.normal))
 }
 
-/// Projects `x` (m, frame of the points) on the surface: repeats `x <- x - n d(x)` until `|d| < tolerance` (m), with `d` and `n` from
+/// Projects `x` (m, frame of the points) on the surface: repeats `x <- x - n d(x)` until `|d| < tolerance` (m; foretold from the last two), with `d` and `n` from
 /// [`evaluate`] and at most `max_iterations` evaluations. Arguments and `None` as there, but `x` may be any distance away:
 /// beyond the cutoff it starts from the tangent plane of its nearest point and keeps to the line from `x` along the normal.
 #[expect(clippy::too_many_arguments, reason = "plain slices, so that the caller's memory is used as it lies")]
@@ -190,6 +190,7 @@ pub fn project(
         r2 = (y - points[nearest]).norm_squared();
     }
     let mut iterations = 0;
+    let mut last = 0.0;
     loop {
         // Valid while y stays within the slack of where the candidates were gathered.
         if !near.holds(&y) {
@@ -211,9 +212,12 @@ pub fn project(
             y = x - fit.normal * fit.normal.dot(&(x - foot));
             continue;
         }
-        if distance.abs() < tolerance || iterations >= max_iterations {
+        // The error shrinks by about the same factor every time, so that of `foot` can be foretold: one evaluation less.
+        let next = distance * distance / last;
+        if distance.abs().min(next) < tolerance || iterations >= max_iterations {
             return Some(Projection { point: foot, normal: fit.normal, nearest, iterations });
         }
+        last = distance.abs();
         y = foot;
     }
 }
@@ -338,6 +342,7 @@ impl Cloud<'_> {
 }
 
 #[cfg(test)]
+#[expect(clippy::single_range_in_vec_init, reason = "one range of candidates is meant")]
 mod tests {
     use super::*;
     use crate::surface::shapes::{sample_fingertip, sample_sphere};
