@@ -6,5 +6,8 @@
 //!
 //! SI units throughout: m, kg, s, N, Pa, rad. World frame z up.
 
+pub mod body;
+pub mod constrained_motion;
 pub mod error;
+pub mod free_motion;
 pub mod math;
