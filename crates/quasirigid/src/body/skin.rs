@@ -50,9 +50,7 @@ impl Skin {
             ComplianceModel::Local { foundation_modulus, width, share } => {
                 Compliance::Local(LocalCompliance::build(&surface.control, foundation_modulus, width, share))
             }
-            ComplianceModel::HalfSpace => {
-                Compliance::HalfSpace(HalfSpaceCompliance::new(material.young_modulus, material.poisson_ratio))
-            }
+            ComplianceModel::HalfSpace => Compliance::HalfSpace(HalfSpaceCompliance::new(material.young_modulus, material.poisson_ratio)),
         };
         let spheres = surface.tree.nodes.iter().map(|n| Sphere { center: n.center, radius: n.radius }).collect();
         let leaves = surface.tree.leaves.len();

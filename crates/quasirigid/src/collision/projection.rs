@@ -16,10 +16,12 @@ const BORDER_GAPS: Real = 1.5;
 /// Control points of one chunk of parallel work.
 const CHUNK: usize = 32;
 
+/// One control point with a coupled leaf: its pair, and the range of its coupled nodes there.
+type Group = (u32, Range<u32>);
+
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
-    /// Pair and range of its coupled nodes, one for each control point with a coupled leaf.
-    groups: Vec<(u32, Range<u32>)>,
+    groups: Vec<Group>,
     found: Vec<Option<Contact>>,
 }
 
@@ -45,7 +47,7 @@ pub(super) fn project_control_points(
     }
     scratch.found.clear();
     scratch.found.resize(scratch.groups.len(), None);
-    let work = |(groups, found): (&[(u32, Range<u32>)], &mut [Option<Contact>])| {
+    let work = |(groups, found): (&[Group], &mut [Option<Contact>])| {
         for ((index, group), slot) in groups.iter().zip(found) {
             let coupled = &pairs[*index as usize].coupling.coupled[group.start as usize..group.end as usize];
             *slot = project_control_point(*index, coupled, pairs, bodies, free, params);
@@ -114,17 +116,7 @@ fn project_control_point(
     }
     let frame: Mat3 = contact_frame(&normal, &(pose_a * control.tangents[control_point]));
     let area = coupled.iter().map(|c| skin_a.surface.tree.nodes[c.node_a as usize].area).fold(0.0, Real::max);
-    Some(Contact {
-        pair: index,
-        body_a: pair.a,
-        body_b: pair.b,
-        control_point: control_point as u32,
-        point,
-        frame,
-        gap,
-        area,
-        weights_b,
-    })
+    Some(Contact { pair: index, body_a: pair.a, body_b: pair.b, control_point: control_point as u32, point, frame, gap, area, weights_b })
 }
 
 /// Elastic displacement of `b` at the control point of a node, frame of `b`.
