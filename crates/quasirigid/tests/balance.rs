@@ -82,11 +82,11 @@ fn contact_forces_are_mass_times_acceleration_while_the_hand_accelerates() {
 
 fn ball(world: &mut World, name: &str, points: usize, position: Vec3, velocity: Vec3, spin: Vec3) -> BodyHandle {
     let radius = 0.02;
-    let surface = Arc::new(Surface::build(shapes::sample_sphere(radius, points).unwrap(), None).unwrap());
+    let surface = Arc::new(Surface::build(shapes::sample_sphere(radius, points).unwrap(), Some(points / 4)).unwrap());
     let mass = MassProperties::sphere(radius, Amount::Mass(0.03)).unwrap();
     let mut body = RigidBody::free(name, mass, Motion::Inertial, Pose::from_parts(position.into(), Rot::identity())).unwrap();
     body.set_velocity(velocity, spin).unwrap();
-    world.add_body(body, Some((surface, Material::preset("rubber").unwrap())))
+    world.add_body(body, Some((surface, Material::preset("ecoflex").unwrap())))
 }
 
 #[test]
@@ -212,6 +212,10 @@ fn foretold_against_done(model: ComplianceModel, dt: Real) -> (Real, Real, Real)
         let ([a0, b0], [ua0, ub0]) = state(&world);
         let report = world.step();
         assert!(report.converged(), "step {k}: {:?}", report.stop);
+        if t < 0.02 {
+            // The pad starts pressed in: what the surface does in the first step is large whatever dt.
+            continue;
+        }
         let ([a1, b1], [ua1, ub1]) = state(&world);
         let problem = world.contact_problem();
         let mut w = problem.w.clone();
