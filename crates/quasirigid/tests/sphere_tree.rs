@@ -101,7 +101,7 @@ fn deformed_leaves_cover_the_deformed_surface_at_every_refit_level() {
                 let moved = skin.deformed.iter().zip(&surface.points).map(|(a, b)| (a - b).norm()).fold(0.0, Real::max);
                 assert!(moved >= 0.4 * depth, "{what}: points moved by {moved} m only");
                 if depth == 0.0 {
-                    assert_eq!(skin.deformed, surface.points, "{what}: back to rest");
+                    assert!(moved <= params.deformation_threshold, "{what}: not back at rest by {moved:e} m");
                 }
                 let worst = worst_outside(&surface, &skin.deformed, &skin.spheres);
                 assert!(worst <= 1e-12, "{what}: a hole, {worst:e} m deep");
