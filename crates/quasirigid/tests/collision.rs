@@ -150,17 +150,18 @@ fn a_small_budget_gives_fewer_contacts_that_press_as_hard_and_says_so() {
         let fine = force(Parameters::default().traversal_budget);
         assert!(!fine.2, "the default budget is not coarse");
         let mut last = fine.1;
-        for budget in [2_000, 1_000, 500] {
+        for budget in [3_500, 3_000, 2_000, 1_000, 200] {
             let found = force(budget);
             println!("{model:?} budget {budget}: {found:?} against {fine:?}");
-            if !found.2 {
-                assert_eq!(found.1, fine.1, "{model:?} budget {budget}: not coarse, but other contacts");
-                continue;
+            assert!(found.2, "{model:?} budget {budget}: does not say that it is coarse");
+            assert!(found.1 < fine.1, "{model:?} budget {budget}: {} contacts, {} fine", found.1, fine.1);
+            assert!(found.0 >= 0.0 && found.0 < 1.2 * fine.0, "{model:?} budget {budget}: {} N against {} N", found.0, fine.0);
+            last = last.min(found.1);
+            // A dozen contacts still make a patch; under that its rim is as wide as itself.
+            if found.1 >= 12 {
+                let off = (found.0 / fine.0 - 1.0).abs();
+                assert!(off < 0.15, "{model:?} budget {budget}: {} N against {} N, {:.0} % off", found.0, fine.0, off * 100.0);
             }
-            assert!(found.1 <= last && found.1 < fine.1, "{model:?} budget {budget}: {} contacts after {last}, {} fine", found.1, fine.1);
-            last = found.1;
-            let off = (found.0 / fine.0 - 1.0).abs();
-            assert!(off < 0.15, "{model:?} budget {budget}: {} N against {} N, {:.0} % off", found.0, fine.0, off * 100.0);
         }
         assert!(last < fine.1, "no budget was small enough to be coarse");
     }
@@ -197,8 +198,8 @@ fn what_is_remembered_holds_without_a_margin_too() {
     // Nothing was found before the first step: bodies that lie on each other must be found even with no margin and no slack.
     let params = Parameters { contact_margin: 0.0, traversal_slack: 0.0, ..Parameters::default() };
     let boxes = shapes::sample_box(Vec3::repeat(0.05), 4_800).unwrap();
-    let ball = shapes::sample_sphere(0.03, 1_200).unwrap();
+    let ball = shapes::sample_sphere(0.02, 1_200).unwrap().translated(Vec3::new(0.0, 0.0, 0.045 - 2e-4)).unwrap();
     let (mut world, _, _) = pressed(ball, 160, Pose::identity(), boxes, 200, params);
     world.step();
-    assert!(!world.contacts().is_empty(), "a ball that sticks out of a box of the same pose touches it");
+    assert!(!world.contacts().is_empty(), "a ball that dips into a box in the same frame touches it");
 }
