@@ -129,20 +129,23 @@ fn pair_displacement_b(pair: &Pair, skin_b: &Skin, node_b: u32) -> Vec3 {
 fn nearest_node(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_a: &Vec3) -> Option<(u32, usize)> {
     let surface = &skin_b.surface;
     let mut best: Option<(Real, u32, usize)> = None;
-    let mut look = |k: usize, node: u32| {
-        if surface.normals[k].dot(normal_a) < 0.0 {
-            let distance2 = (surface.points[k] - x).norm_squared();
-            if best.is_none_or(|(least, ..)| distance2 < least) {
-                best = Some((distance2, node, k));
-            }
-        }
-    };
     for c in coupled {
         let node = &surface.tree.nodes[c.node_b as usize];
+        // No point of the node is nearer than its sphere.
+        let clear = (node.center - x).norm() - node.radius;
+        if clear > 0.0 && best.is_some_and(|(least, ..)| clear * clear > least) {
+            continue;
+        }
+        let mut look = |k: usize| {
+            let distance2 = (surface.points[k] - x).norm_squared();
+            if best.is_none_or(|(least, ..)| distance2 < least) && surface.normals[k].dot(normal_a) < 0.0 {
+                best = Some((distance2, c.node_b, k));
+            }
+        };
         if node.children.is_none() {
-            node.points().for_each(|k| look(k, c.node_b));
+            node.points().for_each(look);
         } else {
-            (0..node.sample_len()).for_each(|k| look(node.sample(k), c.node_b));
+            (0..node.sample_len()).map(|k| node.sample(k)).for_each(&mut look);
         }
     }
     best.map(|(_, node, point)| (node, point))
