@@ -150,9 +150,7 @@ def _stored_normals(cloud: Any, count: int) -> Array | None:
 def _read_npy(file: Path) -> RawGeometry:
     try:
         table = np.load(file, allow_pickle=False)
-        if not isinstance(table, np.ndarray):
-            raise ValueError("not a single array")
-        table = table.astype(np.float64)
+        table = np.asarray(table, dtype=np.float64)
     except Exception as error:  # ValueError, EOFError, SyntaxError of a broken header ...
         got = f"{type(error).__name__}: {error}"
         raise ObjectFileError(f"object file {file}", "one array of numbers in NumPy's format", got, "save it with numpy.save") from error

@@ -77,7 +77,7 @@ def clean_mesh(vertices: Array, faces: IntArray, what: str) -> CleanMesh:
     edges = _edges(faces)
     if not _consistent(edges):
         mesh = trimesh.Trimesh(vertices, faces, process=False)
-        trimesh.repair.fix_winding(mesh)
+        trimesh.repair.fix_winding(mesh)  # type: ignore[no-untyped-call]
         faces = np.asarray(mesh.faces, dtype=np.int64)
         edges = _edges(faces)
         fixed = _consistent(edges)
@@ -141,7 +141,8 @@ def corner_normals(vertices: Array, faces: IntArray) -> Array:
 def _crosses(vertices: Array, faces: IntArray) -> Array:
     """Face normals times twice the area, (m, 3)."""
     corners = vertices[faces]
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    crosses: Array = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return crosses
 
 
 def _weld(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
