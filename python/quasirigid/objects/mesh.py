@@ -135,7 +135,8 @@ def corner_normals(vertices: Array, faces: IntArray) -> Array:
     normals = shared[group]
     lost = lengths[group] <= 0.0
     normals[lost] = np.repeat(unit, 3, axis=0)[lost]
-    return normals.reshape(-1, 3, 3)
+    corners: Array = normals.reshape(-1, 3, 3)
+    return corners
 
 
 def _crosses(vertices: Array, faces: IntArray) -> Array:
