@@ -197,7 +197,10 @@ class Search:
         unit = np.stack([np.bincount(flat[front], facing[front, k], size) / count for k in range(3)], axis=1)
 
         # (cells, offsets under the pad): the spherical pad comes in until it touches, then yields a little; pressure grows with the depth.
-        cells = np.flatnonzero(wanted)
+        rim = int(self.under.max())
+        inner = np.zeros_like(wanted)
+        inner[rim : shape[0] - rim, rim : shape[1] - rim] = wanted[rim : shape[0] - rim, rim : shape[1] - rim]
+        cells = np.flatnonzero(inner)
         around = cells[:, None] + (self.under[:, 0] * shape[1] + self.under[:, 1])[None, :]
         met = depth[around] - self.recess
         pad = met.max(axis=1)
