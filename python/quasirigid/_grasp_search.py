@@ -68,10 +68,14 @@ def check_positive(what: str, value: object, unit: str) -> None:
         raise InvalidValueError(what, f"a finite number > 0 ({unit})", repr(value), "give a positive value in SI units")
 
 
-def width_error(width: float, hand: HandGeometry, hint: str) -> GraspPlanError:
-    size = "too large" if width > hand.max_width else "too small"
-    expected = f"a width between {1e3 * hand.min_width:g} and {1e3 * hand.max_width:g} mm between opposing sides"
-    return GraspPlanError(f"object {size} for the hand", expected, f"{1e3 * width:.3g} mm", hint)
+def _expected_width(hand: HandGeometry) -> str:
+    return f"a width between {1e3 * hand.min_width:g} and {1e3 * hand.max_width:g} mm between opposing sides"
+
+
+def width_error(width: float, hand: HandGeometry) -> GraspPlanError:
+    """The object is too large or too small: `width` (m) is what it measures."""
+    size, hint = ("too large", "scale it down") if width > hand.max_width else ("too small", "scale it up")
+    return GraspPlanError(f"object {size} for the hand", _expected_width(hand), f"{1e3 * width:.3g} mm", hint)
 
 
 Candidate = tuple[float, Array, float, float, str]
@@ -100,7 +104,9 @@ class Search:
         under = squared <= (0.95 * hand.pad_radius) ** 2
         self.under = np.column_stack([rows[under], columns[under]])
         self.recess = hand.pad_radius - np.sqrt(hand.pad_radius**2 - squared[under])
-        self.widths: list[float] = []  # between sides that oppose each other, whatever else is wrong there
+        # Widths between sides that oppose each other, whatever else is wrong there: the least below the range and the least above it.
+        self.below, self.above = math.inf, math.inf
+        self.fitting = False  # some were in the range
 
     def candidates(self) -> list[Candidate]:
         """The best grasp centre of every orientation, best first, at most FINE_CANDIDATES."""
@@ -115,16 +121,19 @@ class Search:
     def explain(self) -> GraspPlanError:
         """Why there is no candidate."""
         hand = self.hand
-        if self.widths:
-            if min(self.widths) > hand.max_width:
-                return width_error(min(self.widths), hand, "scale it down")
-            if max(self.widths) < hand.min_width:
-                return width_error(max(self.widths), hand, "scale it up")
+        if self.fitting:
             hint = "the palm, a finger or the support is in the way: turn the object in its file, scale it, or hold it without a support"
             return GraspPlanError("grasp", "opposing sides that the hand can reach", "opposing sides, all out of reach", hint)
+        if math.isfinite(self.below) and math.isfinite(self.above):
+            got = f"{1e3 * self.below:.3g} mm one way and {1e3 * self.above:.3g} mm another"
+            return GraspPlanError("object for the hand", _expected_width(hand), got, "scale it, up or down")
+        if math.isfinite(self.above):
+            return width_error(self.above, hand)
+        if math.isfinite(self.below):
+            return width_error(self.below, hand)
         least = float(np.ptp(self.cloud, axis=0).min())
         if least > hand.max_width:
-            return width_error(least, hand, "scale it down")
+            return width_error(least, hand)
         hint = "raise the friction, sample the surface more densely, or turn the object in its file"
         return GraspPlanError("grasp", "two opposing sides within the friction cone", "none found", hint)
 
@@ -160,7 +169,11 @@ class Search:
         if not sound.any():
             return None
         mean_width = np.where(sound, widths.mean(axis=0), 0.0)
-        self.widths += [float(mean_width[sound].min()), float(mean_width[sound].max())]
+        found = mean_width[sound]
+        small, large = found[found < hand.min_width], found[found > hand.max_width]
+        self.below = min(self.below, float(small.min(initial=math.inf)))
+        self.above = min(self.above, float(large.min(initial=math.inf)))
+        self.fitting |= len(small) + len(large) < len(found)
         fits = sound & (widths.min(axis=0) >= hand.min_width) & (widths.max(axis=0) <= hand.max_width)
         fits &= ~(thumb.blocked | low.blocked | high.blocked)
 
@@ -177,7 +190,7 @@ class Search:
         if not fits.any():
             return None
 
-        lengthwise = np.where(height >= 0.0, 0.060, 0.025)  # a grasp above the centre of mass lets it hang, one below makes it top-heavy
+        lengthwise = np.where(height >= 0.0, 0.060, 0.020)  # a grasp above the centre of mass lets it hang, one below makes it top-heavy
         with np.errstate(invalid="ignore", over="ignore"):
             score = np.minimum(np.minimum(low.quality, high.quality), thumb.quality) * np.exp(-((uneven / 0.008) ** 2))
             score *= np.exp(-((beside / 0.020) ** 2) - (height / lengthwise) ** 2) * _width_comfort(mean_width, hand)
@@ -216,7 +229,7 @@ class Search:
         aside = self.cell * np.linalg.norm(press @ self.under, axis=1) / total
         dispersion = length / total  # 1 where all normals agree
         sound = (cosine > 0.0) & (tangent < CONE_SHARE * self.friction) & (covered > 0.35) & (dispersion > 0.8) & (aside < 4e-3)
-        quality = (1.0 - tangent / self.friction) * np.sqrt(covered) * dispersion * np.exp(-((aside / 6e-3) ** 2))
+        quality = (1.0 - tangent / self.friction) * covered * dispersion * np.exp(-((aside / 6e-3) ** 2))
 
         maps = np.zeros((3, size))
         maps[0, cells], maps[1, cells], maps[2, cells] = pad, sound, np.where(sound, quality, 0.0)

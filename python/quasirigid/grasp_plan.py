@@ -42,7 +42,8 @@ class GraspPlan:
         thumb_normal: (3,) outward unit normal there.
         finger_points: (2, 3), at y = -spacing/2 and +spacing/2, m.
         finger_normals: (2, 3).
-        weight_per_squeeze: newtons of weight that friction can carry per newton of thumb force; 2 x friction for a perfect pinch.
+        weight_per_squeeze: newtons of weight that friction can carry per newton of thumb force; 2 x friction for a
+            perfect level pinch, more where fingers carry from below.
         score: 0 (barely possible) to 1 (as good as can be).
         approach: in words, such as "from above, closing at 30 degrees".
     """
@@ -143,7 +144,7 @@ def _check_input(points: ArrayLike, normals: ArrayLike, centre_of_mass: ArrayLik
 def _check_size(cloud: Array, hand: HandGeometry) -> None:
     extents = np.ptp(cloud, axis=0)
     if float(np.linalg.norm(extents)) < hand.min_width:
-        raise width_error(float(extents.max()), hand, "scale it up")
+        raise width_error(float(extents.max()), hand)
 
 
 def _place(
