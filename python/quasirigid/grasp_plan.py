@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 
 INDENTATION = 0.7e-3  # m, how deep a soft pad is thought to yield when its patch is worked out
 PATCH_RADIUS = 4e-3  # m, contact radius that goes into the torsional friction
+MISSES = ((-2e-3, 0.0), (2e-3, 0.0), (0.0, -2e-3), (0.0, 2e-3))  # m, in y and z of the hand: how far off a hand may close
 CONE_SIDES = 8  # of the pyramid inside the friction cone in the linear program
 
 
@@ -161,12 +162,9 @@ def _place(
     """The fine stage for one candidate: where the three pads touch, and what they can carry. None if they cannot."""
     local, facing = cloud @ rotation, directions @ rotation
     half = 0.5 * hand.finger_spacing
-    touches = []
-    for sign, pad_y in ((-1.0, y), (1.0, y - half), (1.0, y + half)):
-        touch = _touch(local, facing, sign, pad_y, z, hand.pad_radius)
-        if touch is None:
-            return None
-        touches.append(touch)
+    touches = _touches(local, facing, y, z, hand)
+    if touches is None:
+        return None
     pads = np.array([touch[0] for touch in touches])
     widths = pads[0] + pads[1:]
     if widths.min() < hand.min_width or widths.max() > hand.max_width:
@@ -181,6 +179,13 @@ def _place(
     # A hand that moves and shakes tilts the load: what counts is the least over the directions.
     tilted = [0.5 * np.array([c, s, 0.0]) + down for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1))]
     least = min([straight] + [_carried(points, normals, friction, load / float(np.linalg.norm(load))) for load in tilted])
+    # A hand never closes quite where it was told to: beside the place it must hold too, which edges and rims do not.
+    for aside_y, aside_z in MISSES:
+        missed = _touches(local, facing, y + aside_y, z + aside_z, hand)
+        if missed is None or least <= 0.1 * friction:
+            return None
+        places, ways = np.stack([touch[1] for touch in missed]), np.stack([touch[2] for touch in missed])
+        least = min(least, _carried(places @ rotation.T, ways @ rotation.T, friction, down))
     if least <= 0.1 * friction:
         return None
     score = coarse * min(least / (2.0 * friction), 1.0) * float(np.exp(-((offset.max() / 6e-3) ** 2)))
@@ -196,6 +201,15 @@ def _place(
         score=score,
         approach=approach,
     )
+
+
+def _touches(local: Array, facing: Array, y: float, z: float, hand: HandGeometry) -> list[tuple[float, Array, Array]] | None:
+    """`_touch` for the thumb and the two fingers; None if one of them meets nothing."""
+    half = 0.5 * hand.finger_spacing
+    places = ((-1.0, y), (1.0, y - half), (1.0, y + half))
+    touches = [_touch(local, facing, sign, pad_y, z, hand.pad_radius) for sign, pad_y in places]
+    found = [touch for touch in touches if touch is not None]
+    return found if len(found) == len(places) else None
 
 
 def _touch(local: Array, facing: Array, sign: float, y: float, z: float, radius: float) -> tuple[float, Array, Array] | None:

@@ -154,7 +154,7 @@ def test_sphere_that_does_not_fit_is_an_error_that_says_so(radius: float, size: 
 
 @pytest.mark.parametrize(
     ("extents", "size"),
-    [((0.2, 0.2, 0.2), "too large"), ((0.004, 0.06, 0.003), "too small"), ((0.004, 0.1, 0.1), "4 mm one way and .* mm another")],
+    [((0.2, 0.2, 0.2), "too large"), ((0.004, 0.06, 0.003), "too small"), ((0.004, 0.1, 0.1), "mm one way and .* mm another")],
 )
 def test_box_that_does_not_fit_is_an_error_that_says_so(extents: tuple[float, float, float], size: str) -> None:
     points, normals = surface(trimesh.creation.box(extents))
