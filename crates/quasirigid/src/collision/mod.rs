@@ -10,6 +10,7 @@ mod projection;
 mod traversal;
 
 pub use pair::{Pair, PatchSide};
+pub use projection::Remembered;
 pub use traversal::{Coupled, Coupling};
 
 use crate::body::BodyEntry;

@@ -1,6 +1,6 @@
 //! What two bodies remember of their contact from step to step: reactions for the warm start, elastic displacement.
 
-use super::Coupling;
+use super::{Coupling, Remembered};
 use crate::body::BodyEntry;
 use crate::math::Vec3;
 
@@ -35,6 +35,8 @@ pub struct Pair {
     pub side_b: PatchSide,
     /// Coupled nodes, found anew when the two have moved enough.
     pub coupling: Coupling,
+    /// Last projection of each control point of `a`.
+    pub remembered: Vec<Remembered>,
 }
 
 impl PatchSide {
@@ -87,6 +89,7 @@ pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[
                     side_a: PatchSide::new(count_a),
                     side_b: PatchSide::new(count_b),
                     coupling: Coupling::default(),
+                    remembered: vec![Remembered::default(); count_a],
                 };
                 pairs.insert(place, pair);
             }
