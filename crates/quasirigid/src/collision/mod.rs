@@ -41,6 +41,8 @@ pub struct Contact {
     pub area: Real,
     /// Control points of `b` that the projection is interpolated from.
     pub weights_b: Weights,
+    /// Whether it was projected anew in this step; otherwise foot, normal and weights are those remembered.
+    pub projected: bool,
 }
 
 /// Scratch and output of the stage.

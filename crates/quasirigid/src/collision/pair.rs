@@ -2,6 +2,7 @@
 
 use super::{Coupling, Remembered};
 use crate::body::BodyEntry;
+use crate::contact_problem::ElasticRows;
 use crate::math::Vec3;
 
 /// Elastic displacement of one side of a pair, at the control points of its surface.
@@ -37,6 +38,8 @@ pub struct Pair {
     pub coupling: Coupling,
     /// Last projection of each control point of `a`.
     pub remembered: Vec<Remembered>,
+    /// Elastic rows of the contact problem, kept while the contacts stay the same.
+    pub elastic: ElasticRows,
 }
 
 impl PatchSide {
@@ -90,6 +93,7 @@ pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[
                     side_b: PatchSide::new(count_b),
                     coupling: Coupling::default(),
                     remembered: vec![Remembered::default(); count_a],
+                    elastic: ElasticRows::default(),
                 };
                 pairs.insert(place, pair);
             }

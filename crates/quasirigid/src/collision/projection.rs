@@ -190,6 +190,7 @@ impl<'a> View<'a> {
             gap,
             area,
             weights_b: *weights,
+            projected: learnt.is_some(),
         };
         Found { contact: Some(contact), learnt }
     }
