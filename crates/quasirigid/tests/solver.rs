@@ -156,6 +156,22 @@ fn sweeps_never_exceed_the_cap() {
     assert!(late.report.stop == Stop::TimeBudget || late.report.stop.converged(), "{:?}", late.report);
 }
 
+/// A rigid block in a rigid gap that is too narrow: no forces help, however large. They must not count as a solution because they are large.
+#[test]
+fn problem_without_solution_is_not_called_converged() {
+    let d = Mat3::identity() * 1e-5;
+    let squeezed = Vec3::new(-1e-4, 0.0, 0.0);
+    // The same displacement opens one contact and closes the other.
+    let opposed = Mat3::from_diagonal(&Vec3::new(-1e-5, 1e-5, 1e-5));
+    let mut w = Assembled::from_dense(2, &[d, opposed, opposed, d]).unwrap();
+    for mu in [0.0, 0.5] {
+        let (mut f, mut status) = (vec![Vec3::zeros(); 2], vec![ContactStatus::Open; 2]);
+        let report = solve(&mut w, &[squeezed; 2], &[mu; 2], &mut f, &mut status, &SolverParameters::default(), &mut Scratch::default());
+        println!("{report:?} {f:?}");
+        assert!(!report.stop.converged(), "{report:?} with {f:?}");
+    }
+}
+
 #[test]
 fn same_problem_same_bits() {
     let solve_once = || support(8, 1e-2, 0.45, 0.5).solve(&SolverParameters::default());

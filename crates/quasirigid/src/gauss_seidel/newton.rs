@@ -73,7 +73,16 @@ impl Newton {
     }
 
     /// One step. `f` (N) moves, not necessarily within the cones; `w` holds it on entry and on return. `late` is asked after every product and ends the search early.
-    pub(super) fn advance<W: Delassus>(&mut self, w: &mut W, delta_free: &[Vec3], mu: &[Real], f: &mut [Vec3], late: impl Fn() -> bool) {
+    /// A step to forces larger than `limit` (N, norm of all) is not taken.
+    pub(super) fn advance<W: Delassus>(
+        &mut self,
+        w: &mut W,
+        delta_free: &[Vec3],
+        mu: &[Real],
+        f: &mut [Vec3],
+        limit: Real,
+        late: impl Fn() -> bool,
+    ) {
         let n = f.len();
         let residual = residual_about(w, delta_free, mu, f, 0.0, f);
         self.before[..n].copy_from_slice(f);
@@ -82,7 +91,7 @@ impl Newton {
         for length in LENGTHS {
             let moved = self.place(w, f, length);
             let damped = residual_about(w, delta_free, mu, f, self.damping, &self.before[..n]);
-            if damped < best.0 {
+            if damped < best.0 && norm(f) <= limit {
                 best = (damped, length);
             }
             // A full step that ends where the damped problem is solved, as far as its own softness shows, or any step that keeps half of what it promised.

@@ -38,6 +38,13 @@ const PATIENCE: u32 = 40;
 /// An extrapolation that makes the next sweep change the reactions by this factor more is taken back.
 const SETBACK: Real = 2.0;
 
+/// Converged means also that the errors are below this share of the forces that would undo `delta_free` contact by contact. Where there is no solution,
+/// such as a rigid block in a rigid gap that is too narrow, forces grow without end, and errors become small in comparison with them alone.
+const WORST_ERROR: Real = 1e-2;
+
+/// Forces this many times larger than those that would undo `delta_free` contact by contact are not extrapolated to: there is no solution that way.
+const LARGEST_FORCE: Real = 1e8;
+
 /// Scratch memory of [`solve`], kept from one call to the next so that a step allocates nothing.
 #[derive(Debug, Clone, Default)]
 pub struct Scratch {
@@ -83,9 +90,14 @@ pub fn solve<W: Delassus>(
     if f.iter().any(|f| !f.iter().all(|x| x.is_finite())) {
         f.fill(Vec3::zeros());
     }
+    let free_force = delta_free.iter().enumerate().map(|(i, d)| (w.diagonal_block(i).rho() * d).norm_squared()).sum::<Real>().sqrt();
+    if free_force == 0.0 {
+        // Nothing to undo: no force is the solution, and sweeps would only halve the warm start time and again.
+        f.fill(Vec3::zeros());
+    }
     w.set_reactions(f);
     let deadline = parameters.time_budget.and_then(|budget| Instant::now().checked_add(budget));
-    let mut run = Run { w, delta_free, mu, f, status, parameters, deadline, sweeps: 0, newton_steps: 0 };
+    let mut run = Run { w, delta_free, mu, f, status, parameters, deadline, free_force, sweeps: 0, newton_steps: 0 };
     run.sweep_until_patience_ends(scratch).unwrap_or_else(|| run.step_until_done(scratch))
 }
 
@@ -98,6 +110,8 @@ struct Run<'a, W> {
     status: &'a mut [ContactStatus],
     parameters: &'a SolverParameters,
     deadline: Option<Instant>,
+    /// Norm of `rho_i delta_free_i`, N.
+    free_force: Real,
     sweeps: u32,
     newton_steps: u32,
 }
@@ -129,14 +143,14 @@ impl<W: Delassus> Run<'_, W> {
             let out_of_time = self.out_of_time(0);
             if out_of_time.is_some() || (self.sweeps >= self.parameters.min_sweeps && change <= look_below) {
                 let residual = self.residual();
-                if residual <= tolerance {
+                if self.converged(residual) {
                     return Some(self.report(residual, Stop::Converged));
                 }
                 if let Some(stop) = out_of_time {
                     return Some(self.report(residual, stop));
                 }
                 // Residual and change fall together: look again when the change has fallen by the factor that is missing.
-                look_below = change * (tolerance / residual).min(0.7);
+                look_below = change * (tolerance / residual).clamp(0.01, 0.7);
             }
             if accelerate {
                 if extrapolated && change > SETBACK * last_change {
@@ -146,6 +160,11 @@ impl<W: Delassus> Run<'_, W> {
                 } else {
                     extrapolated = anderson.extrapolate(before, self.f, self.mu);
                     last_change = change;
+                    if extrapolated && self.force() > LARGEST_FORCE * self.free_force {
+                        self.f.copy_from_slice(anderson.last_image(n));
+                        anderson.restart();
+                        extrapolated = false;
+                    }
                 }
                 self.w.set_reactions(self.f);
             }
@@ -167,7 +186,7 @@ impl<W: Delassus> Run<'_, W> {
             if self.out_of_time(1).is_none() {
                 let deadline = self.deadline;
                 let late = || deadline.is_some_and(|deadline| Instant::now() >= deadline);
-                newton.advance(self.w, self.delta_free, self.mu, self.f, late);
+                newton.advance(self.w, self.delta_free, self.mu, self.f, LARGEST_FORCE * self.free_force, late);
                 self.newton_steps += 1;
                 self.sweeps += 1;
             }
@@ -177,7 +196,7 @@ impl<W: Delassus> Run<'_, W> {
                     return self.give_up();
                 }
                 let residual = self.residual();
-                if residual <= tolerance {
+                if self.converged(residual) {
                     return self.report(residual, Stop::Converged);
                 }
                 if let Some(stop) = out_of_time {
@@ -217,6 +236,16 @@ impl<W: Delassus> Run<'_, W> {
     fn residual(&mut self) -> Real {
         self.w.set_reactions(self.f);
         residual_about(self.w, self.delta_free, self.mu, self.f, 0.0, &[])
+    }
+
+    /// Norm of all reactions, N.
+    fn force(&self) -> Real {
+        self.f.iter().map(|f| f.norm_squared()).sum::<Real>().sqrt()
+    }
+
+    /// Whether a residual is as good as asked for, and not only because the forces have grown.
+    fn converged(&self, residual: Real) -> bool {
+        residual <= self.parameters.tolerance && residual * self.force() <= WORST_ERROR * self.free_force
     }
 
     /// Sets the statuses from the reactions alone.
