@@ -17,7 +17,7 @@ pub struct SolverParameters {
     /// Sweeps at least; taken as 1 if 0. Default 1. Without that one sweep a warm start that is just good enough would never improve, and a held
     /// object would creep by the tolerance. More: only time is lost.
     pub min_sweeps: u32,
-    /// Time at most; overrun by up to three passes over the contacts. Default none. A budget makes the result depend on the machine:
+    /// Time at most; overrun by a few passes over the contacts. Default none. A budget makes the result depend on the machine:
     /// two runs are then no longer the same bit by bit.
     pub time_budget: Option<Duration>,
 }
