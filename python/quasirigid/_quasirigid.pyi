@@ -177,7 +177,8 @@ class HandModel:
     @staticmethod
     def three_finger() -> HandModel:
         """The built-in hand: a thumb (finger 0) and two fingers that oppose it, 4 joints each
-        (abduction, proximal, middle, distal). Hand frame: origin in the palm, fingers along -z, closing along x."""
+        (abduction, proximal, middle, distal). Hand frame: origin in the palm, fingers along -z, closing along x.
+        """
     @property
     def name(self) -> str: ...
     @property
@@ -293,7 +294,8 @@ class Hand:
         """Pad frames (+z is the pad's outward direction): positions (fingers, 3) m and quaternions (fingers, 4), world."""
     def inverse_kinematics(self, finger: int, position: npt.ArrayLike, normal: npt.ArrayLike) -> FloatArray:
         """Joint positions (joints,) rad that bring the pad's apex of ``finger`` to ``position`` (3,) m with the pad facing
-        ``normal`` (3,), both in the hand frame. Raises ``InvalidValueError`` where the finger cannot reach."""
+        ``normal`` (3,), both in the hand frame. Raises ``InvalidValueError`` where the finger cannot reach.
+        """
     def deformed_points(self, finger: int) -> FloatArray:
         """Points of the fingertip as deformed now, (n, 3) m, world."""
     def deformed_normals(self, finger: int) -> FloatArray:
@@ -302,7 +304,8 @@ class Hand:
         """Elastic displacement ``u`` at the control points of the fingertip, (m, 3) m, frame of its link."""
     def grip(self, *, squeeze: float = 2.0, speed: float = 0.05) -> Grip:
         """A controller that closes this hand and squeezes with ``squeeze`` N on the thumb, half of it on each of the
-        fingers that oppose it. ``speed`` (m/s) is how fast the pads close."""
+        fingers that oppose it. ``speed`` (m/s) is how fast the pads close.
+        """
 
 GripState = Literal["closing", "squeezing", "holding", "opening"]
 
@@ -478,7 +481,8 @@ class World:
         name: str | None = None,
     ) -> Hand:
         """Add a hand and return its handle. ``None``: the built-in three-finger hand with pads of ``fingertip_pulp``.
-        ``points`` and ``control_points`` are per fingertip."""
+        ``points`` and ``control_points`` are per fingertip.
+        """
     def remove(self, handle: Body | Hand) -> None:
         """Take a body or a hand out of the world; its handle is invalid from then on."""
     def step(self, n: int = 1) -> StepReport:
