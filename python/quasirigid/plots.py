@@ -25,12 +25,13 @@ SLIP = 2
 STYLE: dict[str, Any] = {"fontsize": 9, "color": INK}
 
 
-def _figure(width: float, height: float, title: str, subtitle: str = "") -> Figure:
-    figure = Figure(figsize=(width, height), dpi=150, facecolor="white", layout="constrained")
+def _figure(width: float, height: float, title: str, subtitle: str = "", *, constrained: bool = True) -> Figure:
+    figure = Figure(figsize=(width, height), dpi=150, facecolor="white", layout="constrained" if constrained else None)
     FigureCanvasAgg(figure)
-    figure.suptitle(title, x=0.012, ha="left", fontsize=12.5, fontweight="bold", color=INK)
+    place: dict[str, Any] = {} if constrained else {"y": 0.985, "va": "top"}
+    figure.suptitle(title, x=0.012, ha="left", fontsize=12.5, fontweight="bold", color=INK, **place)
     if subtitle:
-        figure.text(0.988, 0.985, subtitle, ha="right", va="top", fontsize=9, color=MUTED)
+        figure.text(0.988, 0.98, subtitle, ha="right", va="top", fontsize=9, color=MUTED)
     return figure
 
 
@@ -46,22 +47,16 @@ def _dress(axes: Axes, ylabel: str) -> None:
 def _shade(axes: Axes, spans: Sequence[Phase], *, names: bool = False) -> None:
     """Every other phase on a band, and the names above the topmost axes."""
     total = spans[-1].end - spans[0].start if spans else 1.0
+    raised = False
     for i, span in enumerate(spans):
         if i % 2 == 0:
             axes.axvspan(span.start, span.end, color=BAND, zorder=0, linewidth=0)
         if names:
-            wide = (span.end - span.start) / total > 0.0098 * len(span.name)
-            text = span.name if wide else span.name.replace(" ", "\n")
-            axes.text(
-                (span.start + span.end) / 2,
-                1.02,
-                text,
-                transform=axes.get_xaxis_transform(),
-                ha="center",
-                va="bottom",
-                fontsize=8,
-                color=MUTED,
-            )
+            # Short phases would write over each other: every second of them goes one line up.
+            short = (span.end - span.start) / total < 0.0095 * (len(span.name) + 2)
+            raised = short and not raised
+            place = ((span.start + span.end) / 2, 1.10 if raised else 1.02)
+            axes.text(*place, span.name, transform=axes.get_xaxis_transform(), ha="center", va="bottom", fontsize=8, color=MUTED)
     if spans:
         axes.set_xlim(spans[0].start, spans[-1].end)
 
@@ -90,6 +85,7 @@ def forces(columns: Columns, fingers: Sequence[str], *, dt: float, weight: float
         _dress(axes, label)
         _shade(axes, spans, names=axes is top)
         axes.set_ylim(bottom=0)
+    top.set_ylim(top=1.22 * top.get_ylim()[1])  # room for the legend
     middle.set_ylim(top=max(middle.get_ylim()[1], 1.15 * weight))
     bottom.set_ylim(0, 115)
     bottom.set_xlabel("time (s)", **STYLE)
@@ -110,6 +106,7 @@ def motion(columns: Columns, *, dt: float, subtitle: str = "") -> Figure:
         top.plot(time, 1e3 * (thing[:, 2] - thing[0, 2]), color=FINGER_COLOURS[0], linewidth=1.8, label="object")
         top.plot(time, 1e3 * (hand[:, 2] - hand[0, 2]), color=FINGER_COLOURS[1], linewidth=1.2, linestyle=(0, (4, 2)), label="hand")
         top.legend(loc="upper right", frameon=True, framealpha=0.9, edgecolor="none", fontsize=8.5, ncols=2)
+        top.set_ylim(top=top.get_ylim()[1] + 0.22 * np.ptp(top.get_ylim()))  # room for the legend
     start = next((span.first for span in spans if span.name == "hold"), None)
     if start is not None:
         end = max((span.last for span in spans if span.name in ("hold", "lift", "shake", "hold again", "fall")), default=len(time))
@@ -165,8 +162,10 @@ def patches(contacts: Mapping[str, npt.NDArray[Any]], fingers: Sequence[str], *,
 
     ``contacts`` are the recorded rows of one step: point, normal, force, pressure, area, status, finger.
     """
-    figure = _figure(3.3 * len(fingers) + 0.9, 4.4, "Contact patches at the end of the first hold", subtitle)
-    all_axes = figure.subplots(1, len(fingers), squeeze=False)[0]
+    width, side, left, bottom, height = 3.35 * len(fingers) + 1.25, 2.8, 0.65, 1.45, 5.05  # inches
+    figure = _figure(width, height, "Contact patches at the end of the first hold", subtitle, constrained=False)
+    places = [((left + 3.35 * f) / width, bottom / height, side / width, side / height) for f in range(len(fingers))]
+    all_axes = [figure.add_axes(place) for place in places]
     loaded = contacts["pressure"] > 0.0
     kpa = 1e-3 * contacts["pressure"].astype(float)
     top = max(float(kpa[loaded & (contacts["finger"] >= 0)].max(initial=0.0)), 1e-6)
@@ -196,38 +195,20 @@ def patches(contacts: Mapping[str, npt.NDArray[Any]], fingers: Sequence[str], *,
             continue
         flat, friction, push, pressure, status, area = layer
         slips = status == SLIP
-        # Discs of the control points' own areas: points per mm of these axes are known once the layout is done, so use a fair guess.
-        size = float(np.clip(1.1e5 * np.sqrt(area.mean()) / radius, 4.0, 26.0)) ** 2
-        scatter = axes.scatter(*flat.T, c=pressure, s=size, cmap="viridis", vmin=0.0, vmax=top, linewidths=0)
-        axes.scatter(*flat[slips].T, s=size, facecolors="none", edgecolors="#D55E00", linewidths=1.3)
+        # Discs of the control points' own area, in points^2.
+        size = 1e6 * area * (72 * side / (2 * radius)) ** 2 * 4 / np.pi
+        scatter = axes.scatter(flat[:, 0], flat[:, 1], c=pressure, s=size, cmap="viridis", vmin=0.0, vmax=top, linewidths=0)
+        axes.scatter(flat[slips, 0], flat[slips, 1], s=0.8 * size[slips], facecolors="none", edgecolors="#D55E00", linewidths=1.3)
         if longest > 0.0:
-            axes.quiver(
-                *flat.T,
-                *(friction / longest * 0.28 * radius).T,
-                angles="xy",
-                scale_units="xy",
-                scale=1.0,
-                color="white",
-                edgecolor=INK,
-                linewidth=0.5,
-                width=0.011,
-                headwidth=3.6,
-                headlength=4.0,
-                headaxislength=3.6,
-                minlength=0.3,
-            )
+            arrows = (friction / longest * 0.24 * radius).T
+            look: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "minlength": 0.1}
+            look |= {"headwidth": 4.0, "headlength": 4.5, "headaxislength": 4.2, "width": 0.0075, "linewidth": 0.5}
+            axes.quiver(flat[:, 0], flat[:, 1], arrows[0], arrows[1], color="white", edgecolor=INK, **look)
         total = np.linalg.norm(friction.sum(axis=0))
-        axes.text(
-            0.0,
-            -0.24,
-            f"{push.sum():.2f} N pressing, {total:.2f} N friction\n{len(flat)} contacts, {int(slips.sum())} slipping",
-            transform=axes.transAxes,
-            va="top",
-            fontsize=8.5,
-            color=MUTED,
-        )
+        text = f"presses with {push.sum():.2f} N, friction {total:.2f} N\n{len(flat)} contacts, {int(slips.sum())} of them slip"
+        axes.text(0.0, -0.21, text, transform=axes.transAxes, va="top", fontsize=8.5, color=MUTED, linespacing=1.4)
     if scatter is not None:
-        bar = figure.colorbar(scatter, ax=list(all_axes), shrink=0.8, pad=0.015)
+        bar = figure.colorbar(scatter, cax=figure.add_axes((1 - 0.75 / width, bottom / height, 0.14 / width, side / height)))
         bar.set_label("pressure (kPa)", **STYLE)
         bar.ax.tick_params(labelsize=8.5, colors=MUTED)
         bar.outline.set_visible(False)
@@ -242,7 +223,8 @@ def patches(contacts: Mapping[str, npt.NDArray[Any]], fingers: Sequence[str], *,
         markersize=12,
         label=f"friction on the object, longest {1e3 * longest:.2g} mN",
     )
-    figure.legend(handles=[disc, ring, arrow], loc="outside lower left", ncols=3, frameon=False, fontsize=8.5)
+    corner = (0.4 / width, 0.05 / height)
+    figure.legend(handles=[disc, ring, arrow], loc="lower left", bbox_to_anchor=corner, ncols=3, frameon=False, fontsize=8.5)
     return figure
 
 
