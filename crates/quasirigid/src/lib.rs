@@ -6,5 +6,25 @@
 //!
 //! SI units throughout: m, kg, s, N, Pa, rad. World frame z up.
 
+pub mod body;
+pub mod collision;
+pub mod constrained_motion;
+pub mod contact_problem;
 pub mod error;
+pub mod free_motion;
+pub mod gauss_seidel;
+pub mod grip;
 pub mod math;
+pub mod params;
+pub mod report;
+pub mod scenes;
+pub mod surface;
+pub mod workspace;
+pub mod world;
+
+mod step;
+
+pub use error::{Error, Result};
+pub use params::Parameters;
+pub use report::StepReport;
+pub use world::{BodyHandle, HandHandle, World};

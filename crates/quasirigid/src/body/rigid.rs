@@ -1,0 +1,327 @@
+//! One rigid body: free (inertial or quasi-static) or fixed and moved from outside.
+
+use super::{Motion, PoseDrive};
+use crate::body::mass_properties::MassProperties;
+use crate::error::{Error, Result, check_finite, check_non_negative, check_positive};
+use crate::math::{Mat3, Mat3x6, Pose, Real, Vec3, Vec6, pose_is_finite, skew};
+use nalgebra::Point3;
+
+/// Time in which a quasi-static body of default viscosity follows a change of load (s). It sets `b = m / tau`: heavy enough
+/// that a body does not jump under solver noise, light enough that it follows a hand.
+pub const DEFAULT_VISCOUS_TIME: Real = 0.05;
+
+/// Whether contacts and loads can move a rigid body.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mobility {
+    /// Six degrees of freedom.
+    Free(Motion),
+    /// None: it stays, or goes where it is told.
+    Fixed,
+}
+
+/// What changes from step to step; copied to roll a body back.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RigidState {
+    /// Body frame in the world.
+    pub pose: Pose,
+    /// Velocity of the centre of mass (m/s, world).
+    pub linear_velocity: Vec3,
+    /// Angular momentum about the centre of mass (kg m^2/s, world).
+    pub angular_momentum: Vec3,
+    /// Angular velocity over the last step (rad/s, world); the velocity of a body without momentum, fixed or quasi-static.
+    pub angular_velocity: Vec3,
+}
+
+/// A rigid body. Its generalised displacement is (translation of the centre of mass, rotation vector), world axes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RigidBody {
+    name: String,
+    mass: MassProperties,
+    mobility: Mobility,
+    state: RigidState,
+    viscosity: [Real; 2],
+    external_force: Vec3,
+    external_torque: Vec3,
+    drive: Option<PoseDrive>,
+    target_pose: Option<Pose>,
+}
+
+impl RigidBody {
+    /// A free body at rest. `pose`: body frame in the world. Viscosity: none for an inertial body; for a quasi-static one
+    /// `m / 0.05 s` and the same with its mean moment of inertia.
+    ///
+    /// # Errors
+    /// A pose that is not finite.
+    pub fn free(name: impl Into<String>, mass: MassProperties, motion: Motion, pose: Pose) -> Result<Self> {
+        let viscosity = match motion {
+            Motion::Inertial => [0.0, 0.0],
+            Motion::QuasiStatic => [mass.mass() / DEFAULT_VISCOUS_TIME, mass.inertia().trace() / 3.0 / DEFAULT_VISCOUS_TIME],
+        };
+        Self::new(name, mass, Mobility::Free(motion), pose, viscosity)
+    }
+
+    /// A fixed body. Contacts do not move it; [`RigidBody::move_to`] does.
+    ///
+    /// # Errors
+    /// A pose that is not finite.
+    pub fn fixed(name: impl Into<String>, pose: Pose) -> Result<Self> {
+        // A fixed body has no use for its mass; one kilogram keeps every accessor total.
+        let mass = MassProperties::new(1.0, Vec3::zeros(), Mat3::identity())?;
+        Self::new(name, mass, Mobility::Fixed, pose, [0.0, 0.0])
+    }
+
+    fn new(name: impl Into<String>, mass: MassProperties, mobility: Mobility, pose: Pose, viscosity: [Real; 2]) -> Result<Self> {
+        check_pose("pose of the body", &pose)?;
+        let state = RigidState {
+            pose,
+            linear_velocity: Vec3::zeros(),
+            angular_momentum: Vec3::zeros(),
+            angular_velocity: Vec3::zeros(),
+        };
+        let (external_force, external_torque) = (Vec3::zeros(), Vec3::zeros());
+        Ok(Self {
+            name: name.into(),
+            mass,
+            mobility,
+            state,
+            viscosity,
+            external_force,
+            external_torque,
+            drive: None,
+            target_pose: None,
+        })
+    }
+
+    /// What the body is called.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Whether and how it moves.
+    pub fn mobility(&self) -> Mobility {
+        self.mobility
+    }
+
+    /// Mass, centre of mass, inertia. Those of a fixed body have no meaning.
+    pub fn mass_properties(&self) -> &MassProperties {
+        &self.mass
+    }
+
+    /// Degrees of freedom: 6 or 0.
+    pub fn dof(&self) -> usize {
+        if self.mobility == Mobility::Fixed { 0 } else { 6 }
+    }
+
+    /// Body frame in the world.
+    pub fn pose(&self) -> &Pose {
+        &self.state.pose
+    }
+
+    /// Centre of mass (m, world). The origin of the body frame for a fixed body.
+    pub fn center_of_mass(&self) -> Vec3 {
+        self.state.pose.transform_point(&Point3::from(*self.mass.center_of_mass())).coords
+    }
+
+    /// Inertia about the centre of mass (kg m^2, world axes).
+    pub fn world_inertia(&self) -> Mat3 {
+        let rotation = self.state.pose.rotation.to_rotation_matrix().into_inner();
+        rotation * self.mass.inertia() * rotation.transpose()
+    }
+
+    /// Velocity of the centre of mass (m/s, world). Of a fixed body: of its origin in the last step.
+    pub fn linear_velocity(&self) -> &Vec3 {
+        &self.state.linear_velocity
+    }
+
+    /// Angular velocity (rad/s, world). Of an inertial body: from its momentum; of others: over the last step.
+    pub fn angular_velocity(&self) -> Vec3 {
+        if self.mobility != Mobility::Free(Motion::Inertial) {
+            return self.state.angular_velocity;
+        }
+        // I_w^-1 L; the inertia is positive definite by construction.
+        self.world_inertia().cholesky().map_or_else(Vec3::zeros, |inertia| inertia.solve(&self.state.angular_momentum))
+    }
+
+    /// Angular momentum about the centre of mass (kg m^2/s, world).
+    pub fn angular_momentum(&self) -> &Vec3 {
+        &self.state.angular_momentum
+    }
+
+    /// Kinetic energy (J).
+    pub fn kinetic_energy(&self) -> Real {
+        0.5 * self.mass.mass() * self.state.linear_velocity.norm_squared()
+            + 0.5 * self.state.angular_momentum.dot(&self.angular_velocity())
+    }
+
+    /// Viscosity against the world: translation (N s/m), rotation (N m s/rad).
+    pub fn viscosity(&self) -> [Real; 2] {
+        self.viscosity
+    }
+
+    /// External force at the centre of mass (N) and torque (N m), world axes.
+    pub fn external_wrench(&self) -> (&Vec3, &Vec3) {
+        (&self.external_force, &self.external_torque)
+    }
+
+    /// The spring that pulls the body, if there is one.
+    pub fn drive(&self) -> Option<&PoseDrive> {
+        self.drive.as_ref()
+    }
+
+    /// Where a fixed body will be after the next step, if it was told to move.
+    pub fn target_pose(&self) -> Option<&Pose> {
+        self.target_pose.as_ref()
+    }
+
+    /// Puts the body elsewhere at once: no displacement in a step, no friction with what it touches. To carry things along,
+    /// use [`RigidBody::move_to`].
+    ///
+    /// # Errors
+    /// A pose that is not finite.
+    pub fn set_pose(&mut self, pose: Pose) -> Result<()> {
+        check_pose("pose of the body", &pose)?;
+        self.state.pose = pose;
+        Ok(())
+    }
+
+    /// Sets the velocity of a free body: of the centre of mass (m/s) and angular (rad/s), world axes.
+    ///
+    /// # Errors
+    /// Non-finite numbers, or a fixed body.
+    pub fn set_velocity(&mut self, linear: Vec3, angular: Vec3) -> Result<()> {
+        self.refuse_fixed("velocity", "move a fixed body by its target pose")?;
+        check_finite("linear velocity", linear.iter())?;
+        check_finite("angular velocity", angular.iter())?;
+        self.state.linear_velocity = linear;
+        self.state.angular_velocity = angular;
+        self.state.angular_momentum = self.world_inertia() * angular;
+        Ok(())
+    }
+
+    /// Sets the viscosity against the world: translation (N s/m), rotation (N m s/rad). A quasi-static body needs both > 0.
+    ///
+    /// # Errors
+    /// Non-finite or negative numbers; zero for a quasi-static body; a fixed body.
+    pub fn set_viscosity(&mut self, linear: Real, angular: Real) -> Result<()> {
+        self.refuse_fixed("viscosity", "a fixed body moves as it is told")?;
+        let check = if self.mobility == Mobility::Free(Motion::QuasiStatic) { check_positive } else { check_non_negative };
+        check("linear viscosity", linear, "N s/m")?;
+        check("angular viscosity", angular, "N m s/rad")?;
+        self.viscosity = [linear, angular];
+        Ok(())
+    }
+
+    /// Sets the external force at the centre of mass (N) and torque (N m), world axes; held until it is set again.
+    ///
+    /// # Errors
+    /// Non-finite numbers, or a fixed body.
+    pub fn set_external_wrench(&mut self, force: Vec3, torque: Vec3) -> Result<()> {
+        self.refuse_fixed("external wrench", "a fixed body takes any load")?;
+        check_finite("external force", force.iter())?;
+        check_finite("external torque", torque.iter())?;
+        (self.external_force, self.external_torque) = (force, torque);
+        Ok(())
+    }
+
+    /// Couples the body to a moving target by a damped spring, or frees it (`None`).
+    ///
+    /// # Errors
+    /// See [`PoseDrive::check`]; a fixed body.
+    pub fn set_drive(&mut self, drive: Option<PoseDrive>) -> Result<()> {
+        if let Some(drive) = &drive {
+            self.refuse_fixed("drive", "move a fixed body by its target pose")?;
+            drive.check()?;
+        }
+        self.drive = drive;
+        Ok(())
+    }
+
+    /// Moves a fixed body to `target` during the next step, carrying along what rests on it.
+    ///
+    /// # Errors
+    /// A pose that is not finite, or a free body.
+    pub fn move_to(&mut self, target: Pose) -> Result<()> {
+        if self.mobility != Mobility::Fixed {
+            return Err(Error::value("target pose", "a fixed body", "a free body", "pull a free body with a drive"));
+        }
+        check_pose("target pose", &target)?;
+        self.target_pose = Some(target);
+        Ok(())
+    }
+
+    /// The state, to keep.
+    pub fn state(&self) -> RigidState {
+        self.state
+    }
+
+    /// Back to a state kept earlier.
+    pub fn restore(&mut self, state: &RigidState) {
+        self.state = *state;
+    }
+
+    /// Whether every number of the state is finite.
+    pub fn is_finite(&self) -> bool {
+        let s = &self.state;
+        let vectors = [s.linear_velocity, s.angular_momentum, s.angular_velocity];
+        pose_is_finite(&s.pose) && vectors.iter().flat_map(|v| v.iter()).all(|x| x.is_finite())
+    }
+
+    /// Jacobian of a material point at `point` (m, world): `dp = dc + theta x (p - c) = [1, -[p - c]x] dx`. Zero when fixed.
+    pub(crate) fn point_jacobian(&self, point: &Vec3) -> Mat3x6 {
+        let mut jacobian = Mat3x6::zeros();
+        if self.mobility != Mobility::Fixed {
+            jacobian.fixed_view_mut::<3, 3>(0, 0).copy_from(&Mat3::identity());
+            jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&-skew(&(point - self.center_of_mass())));
+        }
+        jacobian
+    }
+
+    /// Displacement over the step to the target pose: translation of the origin, rotation vector (world). Zero without one.
+    pub(crate) fn prescribed_motion(&self) -> (Vec3, Vec3) {
+        match &self.target_pose {
+            Some(target) => displacement_between(&self.state.pose, target),
+            None => (Vec3::zeros(), Vec3::zeros()),
+        }
+    }
+
+    /// Integrates one step; the caller is `constrained_motion`.
+    ///
+    /// Poses on SE(3): the centre moves by dx_lin, the body turns about it by exp(theta). Velocity v = dx_lin/dt, and momentum
+    /// L = I_w theta/dt with the inertia at the start of the step, the same that A held: so without torque L stays as it is.
+    pub(crate) fn integrate(&mut self, dx: &Vec6, dt: Real) {
+        if self.mobility == Mobility::Fixed {
+            let (linear, angular) = self.prescribed_motion();
+            self.state.linear_velocity = linear / dt;
+            self.state.angular_velocity = angular / dt;
+            if let Some(target) = self.target_pose.take() {
+                self.state.pose = target;
+            }
+            return;
+        }
+        let (translation, theta): (Vec3, Vec3) = (dx.fixed_rows::<3>(0).into(), dx.fixed_rows::<3>(3).into());
+        let center = self.center_of_mass() + translation;
+        self.state.linear_velocity = translation / dt;
+        self.state.angular_velocity = theta / dt;
+        self.state.angular_momentum = self.world_inertia() * theta / dt;
+        let mut rotation = crate::math::Rot::from_scaled_axis(theta) * self.state.pose.rotation;
+        rotation.renormalize();
+        self.state.pose = Pose::from_parts((center - rotation * self.mass.center_of_mass()).into(), rotation);
+    }
+
+    fn refuse_fixed(&self, what: &str, hint: &str) -> Result<()> {
+        if self.mobility == Mobility::Fixed { Err(Error::value(what, "a free body", "a fixed body", hint)) } else { Ok(()) }
+    }
+}
+
+/// Translation of the origin (m) and rotation vector (rad, world) that take one pose to another.
+pub(crate) fn displacement_between(start: &Pose, end: &Pose) -> (Vec3, Vec3) {
+    (end.translation.vector - start.translation.vector, (end.rotation * start.rotation.inverse()).scaled_axis())
+}
+
+/// Refuses a pose with NaN or infinity in it.
+pub(crate) fn check_pose(what: &str, pose: &Pose) -> Result<()> {
+    if pose_is_finite(pose) {
+        return Ok(());
+    }
+    Err(Error::value(what, "finite position and quaternion", "a pose with NaN or infinity", "check where the pose comes from"))
+}

@@ -1,0 +1,183 @@
+//! The surface of a body as it is now: material, elastic displacement, deformed points and the spheres around them.
+
+use crate::body::material::{ComplianceModel, Material};
+use crate::math::{Real, Vec3};
+use crate::params::Parameters;
+use crate::surface::sphere_tree::sphere_around;
+use crate::surface::{Compliance, HalfSpaceCompliance, LocalCompliance, Surface};
+use std::sync::Arc;
+
+/// A bounding sphere, body frame, m.
+#[derive(Debug, Clone, Copy)]
+pub struct Sphere {
+    /// Centre.
+    pub center: Vec3,
+    /// Radius.
+    pub radius: Real,
+}
+
+/// A surface on a body.
+#[derive(Debug, Clone)]
+pub struct Skin {
+    /// The undeformed surface; shared between bodies of one shape.
+    pub surface: Arc<Surface>,
+    /// What it is made of.
+    pub material: Material,
+    /// Static compliance between its control points.
+    pub compliance: Compliance,
+    /// Elastic displacement of each control point, all patches together, body frame, m.
+    pub displacement: Vec<Vec3>,
+    /// Deformed points, tree order, body frame, m.
+    pub deformed: Vec<Vec3>,
+    /// Spheres of the tree's nodes, around the deformed points.
+    pub spheres: Vec<Sphere>,
+    displaced: Vec<u32>,
+    dirty_leaves: Vec<u32>,
+    was_dirty: Vec<u32>,
+    leaf_mark: Vec<u64>,
+    node_mark: Vec<u64>,
+    dirty_nodes: Vec<u32>,
+    mark: u64,
+    inflation: Real,
+}
+
+impl Skin {
+    /// An undeformed skin.
+    pub fn new(surface: Arc<Surface>, material: Material) -> Self {
+        let compliance = match material.model {
+            ComplianceModel::Local { foundation_modulus, width, share } => {
+                Compliance::Local(LocalCompliance::build(&surface.control, foundation_modulus, width, share))
+            }
+            ComplianceModel::HalfSpace => {
+                Compliance::HalfSpace(HalfSpaceCompliance::new(material.young_modulus, material.poisson_ratio))
+            }
+        };
+        let spheres = surface.tree.nodes.iter().map(|n| Sphere { center: n.center, radius: n.radius }).collect();
+        let leaves = surface.tree.leaves.len();
+        Self {
+            compliance,
+            displacement: vec![Vec3::zeros(); surface.control.len()],
+            deformed: surface.points.clone(),
+            spheres,
+            displaced: Vec::with_capacity(leaves),
+            dirty_leaves: Vec::with_capacity(leaves),
+            was_dirty: Vec::with_capacity(leaves),
+            leaf_mark: vec![0; leaves],
+            node_mark: vec![0; surface.tree.nodes.len()],
+            dirty_nodes: Vec::with_capacity(surface.tree.nodes.len()),
+            mark: 0,
+            inflation: 0.0,
+            surface,
+            material,
+        }
+    }
+
+    /// Share of the elastic displacement that is left after one step without force: `alpha = tau/(tau + dt)`.
+    pub fn memory(&self, dt: Real) -> Real {
+        self.material.relaxation_time / (self.material.relaxation_time + dt)
+    }
+
+    /// Forgets the displacements of the last step, to be summed anew over the patches with [`Skin::add_displacement`].
+    pub fn clear_displacement(&mut self) {
+        for c in self.displaced.drain(..) {
+            self.displacement[c as usize] = Vec3::zeros();
+        }
+    }
+
+    /// Adds one patch's displacement of a control point.
+    pub fn add_displacement(&mut self, control_point: u32, u: &Vec3) {
+        let total = &mut self.displacement[control_point as usize];
+        if *total == Vec3::zeros() {
+            self.displaced.push(control_point);
+        }
+        *total += u;
+    }
+
+    /// Moves the surface points that displaced control points reach (eq. 8) and refits the spheres above them, bottom-up, to `params.refit_level`.
+    pub fn deform(&mut self, params: &Parameters) {
+        self.mark += 1;
+        std::mem::swap(&mut self.dirty_leaves, &mut self.was_dirty);
+        self.dirty_leaves.clear();
+        let threshold2 = params.deformation_threshold * params.deformation_threshold;
+        let mut largest2: Real = 0.0;
+        for &c in &self.displaced {
+            let u2 = self.displacement[c as usize].norm_squared();
+            largest2 = largest2.max(u2);
+            if u2 > threshold2 {
+                for &leaf in std::iter::once(&c).chain(self.surface.leaf_neighbours.row(c as usize)) {
+                    if self.leaf_mark[leaf as usize] != self.mark {
+                        self.leaf_mark[leaf as usize] = self.mark;
+                        self.dirty_leaves.push(leaf);
+                    }
+                }
+            }
+        }
+        let largest = if largest2 > threshold2 { largest2.sqrt() } else { 0.0 };
+        self.dirty_nodes.clear();
+        // Leaves that were deformed a step ago and are not now go back to rest.
+        for list in [0, 1] {
+            let leaves = if list == 0 { &self.dirty_leaves } else { &self.was_dirty };
+            for &leaf in leaves {
+                if list == 1 && self.leaf_mark[leaf as usize] == self.mark {
+                    continue;
+                }
+                let index = self.surface.tree.leaves[leaf as usize];
+                let node = &self.surface.tree.nodes[index as usize];
+                let (mut shift, mut spread): (Vec3, Real) = (Vec3::zeros(), 0.0);
+                for k in node.points() {
+                    let row = self.surface.interpolation.range(k);
+                    let u: Vec3 = row
+                        .map(|e| {
+                            let weight = Real::from(self.surface.interpolation_weights[e]);
+                            self.displacement[self.surface.interpolation.index[e] as usize] * weight
+                        })
+                        .sum();
+                    self.deformed[k] = self.surface.points[k] + u;
+                    shift += u;
+                }
+                let center = node.center + shift / node.point_count as Real;
+                for k in node.points() {
+                    spread = spread.max((self.deformed[k] - center).norm());
+                }
+                self.spheres[index as usize] = Sphere { center, radius: spread + self.surface.leaf_gaps[leaf as usize] };
+                mark_up(&self.surface, index, self.mark, params.refit_level, &mut self.node_mark, &mut self.dirty_nodes);
+            }
+        }
+        self.refit(largest, params.refit_level);
+    }
+
+    fn refit(&mut self, largest: Real, refit_level: u32) {
+        // Breadth-first order: children come after their parent, so from the largest index upwards is bottom-up.
+        self.dirty_nodes.sort_unstable();
+        for &index in self.dirty_nodes.iter().rev() {
+            if let Some([l, r]) = self.surface.tree.nodes[index as usize].children {
+                let (left, right) = (self.spheres[l as usize], self.spheres[r as usize]);
+                let (center, radius) = sphere_around(&left.center, left.radius, &right.center, right.radius);
+                self.spheres[index as usize] = Sphere { center, radius };
+            }
+        }
+        if largest != self.inflation {
+            self.inflation = largest;
+            let tree = &self.surface.tree;
+            for (node, sphere) in tree.nodes.iter().zip(&mut self.spheres).take_while(|(n, _)| n.level < refit_level) {
+                if node.children.is_some() {
+                    *sphere = Sphere { center: node.center, radius: node.radius + largest };
+                }
+            }
+        }
+    }
+}
+
+/// Marks the ancestors of a leaf down from `refit_level`.
+fn mark_up(surface: &Surface, leaf: u32, mark: u64, refit_level: u32, node_mark: &mut [u64], dirty: &mut Vec<u32>) {
+    let mut index = surface.tree.nodes[leaf as usize].parent;
+    while surface.tree.nodes[index as usize].level >= refit_level && node_mark[index as usize] != mark {
+        node_mark[index as usize] = mark;
+        dirty.push(index);
+        let parent = surface.tree.nodes[index as usize].parent;
+        if parent == index {
+            break;
+        }
+        index = parent;
+    }
+}

@@ -1,0 +1,76 @@
+//! Stage 2: which control points touch, or are about to (design 3.2).
+//!
+//! Geometry is frozen at the start of the step: poses and deformation as the last step left them. What the free motion adds to
+//! gap and slip enters linearly in the contact problem, with the same Jacobians as the reactions. `docs/step.md` says why: seen at the pose
+//! after the free motion, a body at rest would be compared with a place where it never is, and the mismatch of second order would be a creep.
+
+mod broad_phase;
+mod pair;
+mod projection;
+mod traversal;
+
+pub use pair::{Pair, PatchSide};
+
+use crate::body::BodyEntry;
+use crate::free_motion::FreeMotion;
+use crate::math::{Mat3, Real, Vec3};
+use crate::params::Parameters;
+use crate::surface::Weights;
+use std::time::{Duration, Instant};
+
+/// A control point of body `a` and its projection on body `b`.
+#[derive(Debug, Clone)]
+pub struct Contact {
+    /// Index of the pair in the world's list.
+    pub pair: u32,
+    /// Dense index of the body that carries the control point.
+    pub body_a: u32,
+    /// Dense index of the body whose surface it is projected on.
+    pub body_b: u32,
+    /// The control point of `a`: with the pair, the stable key.
+    pub control_point: u32,
+    /// Where it is: the deformed control point, world, m. Reactions act here on both bodies.
+    pub point: Vec3,
+    /// Columns (normal, tangent1, tangent2), world. The normal is the outward normal of `b`: from `b` to `a`.
+    pub frame: Mat3,
+    /// Gap between the deformed surfaces at the start of the step, m; > 0 means apart.
+    pub gap: Real,
+    /// Area that the contact stands for, m^2: the control point's, or its node's when the traversal stopped early.
+    pub area: Real,
+    /// Control points of `b` that the projection is interpolated from.
+    pub weights_b: Weights,
+}
+
+/// Scratch and output of the stage.
+#[derive(Debug, Default)]
+pub struct Collision {
+    /// The contacts, ordered by pair and control point.
+    pub contacts: Vec<Contact>,
+    /// Whether the traversal budget ran out, so that some contacts are coarser than the leaves.
+    pub coarse: bool,
+    /// Time in the sphere trees.
+    pub traverse_time: Duration,
+    /// Time in projections.
+    pub projection_time: Duration,
+    reach: Vec<Real>,
+    near: Vec<(u32, u32)>,
+    traversal: traversal::Traversal,
+    projection: projection::Scratch,
+}
+
+/// Finds all contacts. `pairs` grows when two bodies meet for the first time.
+pub fn collision(out: &mut Collision, bodies: &[BodyEntry], free: &[FreeMotion], pairs: &mut Vec<Pair>, params: &Parameters) {
+    let start = Instant::now();
+    broad_phase::reach_of_bodies(bodies, free, &mut out.reach);
+    broad_phase::near_bodies(bodies, &out.reach, params, &mut out.near);
+    pair::match_pairs(pairs, &out.near, bodies);
+    out.traversal.clear();
+    for (index, pair) in pairs.iter().enumerate().filter(|(_, pair)| pair.near) {
+        traversal::traverse(&mut out.traversal, index, pair, bodies, &out.reach, params);
+    }
+    out.coarse = out.traversal.coarse;
+    let traversed = Instant::now();
+    projection::project_control_points(&mut out.projection, &out.traversal, pairs, bodies, free, params, &mut out.contacts);
+    out.traverse_time = traversed - start;
+    out.projection_time = traversed.elapsed();
+}

@@ -1,0 +1,91 @@
+//! What two bodies remember of their contact from step to step: reactions for the warm start, elastic displacement.
+
+use crate::body::BodyEntry;
+use crate::math::Vec3;
+
+/// Elastic displacement of one side of a pair, at the control points of its surface.
+#[derive(Debug, Clone, Default)]
+pub struct PatchSide {
+    /// Displacement `u` of each control point, m, in the frame of the link that carries the surface.
+    pub displacement: Vec<Vec3>,
+    /// Control points whose displacement is not zero.
+    pub active: Vec<u32>,
+    /// Whether a control point is in `active`.
+    pub is_active: Vec<bool>,
+}
+
+/// Two bodies that met. Each pair has an elastic memory of its own: two patches of different pairs on one surface do not see
+/// each other elastically, so that what the solver sees and what is remembered are the same operator.
+#[derive(Debug, Clone)]
+pub struct Pair {
+    /// Dense index of the body whose control points are used: the finer side.
+    pub a: u32,
+    /// Dense index of the other body.
+    pub b: u32,
+    /// Whether the broad phase found them near in this step.
+    pub near: bool,
+    /// Last reaction of each control point of `a`, contact frame, N; zero where there was none.
+    pub reaction: Vec<Vec3>,
+    /// Control points with a reaction of the last step.
+    pub loaded: Vec<u32>,
+    /// Elastic displacement of `a` under this pair's reactions.
+    pub side_a: PatchSide,
+    /// Elastic displacement of `b` under this pair's reactions.
+    pub side_b: PatchSide,
+}
+
+impl PatchSide {
+    fn new(control_points: usize) -> Self {
+        Self {
+            displacement: vec![Vec3::zeros(); control_points],
+            active: Vec::with_capacity(control_points.min(512)),
+            is_active: vec![false; control_points],
+        }
+    }
+
+    /// Marks a control point as displaced.
+    pub fn touch(&mut self, control_point: usize) {
+        if !self.is_active[control_point] {
+            self.is_active[control_point] = true;
+            self.active.push(control_point as u32);
+        }
+    }
+}
+
+impl Pair {
+    /// Whether anything is left to remember.
+    pub fn is_idle(&self) -> bool {
+        self.loaded.is_empty() && self.side_a.active.is_empty() && self.side_b.active.is_empty()
+    }
+}
+
+/// Marks the pairs that are near and adds those that are new, keeping the list sorted by body indices.
+pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[BodyEntry]) {
+    pairs.iter_mut().for_each(|pair| pair.near = false);
+    for &(i, j) in near {
+        let (Some(skin_i), Some(skin_j)) = (bodies[i as usize].active_skin(), bodies[j as usize].active_skin()) else { continue };
+        // A pair is sampled once, from the side with the finer control points: counted neither twice nor not at all.
+        let finer_first = skin_i.surface.control.spacing <= skin_j.surface.control.spacing;
+        let (a, b) = if finer_first { (i, j) } else { (j, i) };
+        match pairs.binary_search_by_key(&(a, b), |pair| (pair.a, pair.b)) {
+            Ok(found) => pairs[found].near = true,
+            Err(place) => {
+                let (count_a, count_b) = if finer_first {
+                    (skin_i.surface.control.len(), skin_j.surface.control.len())
+                } else {
+                    (skin_j.surface.control.len(), skin_i.surface.control.len())
+                };
+                let pair = Pair {
+                    a,
+                    b,
+                    near: true,
+                    reaction: vec![Vec3::zeros(); count_a],
+                    loaded: Vec::with_capacity(count_a.min(512)),
+                    side_a: PatchSide::new(count_a),
+                    side_b: PatchSide::new(count_b),
+                };
+                pairs.insert(place, pair);
+            }
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! Elastic displacement after the solve: `u = alpha u_previous + C f` at the control points, then at every surface point they reach.
+
+use crate::body::{BodyEntry, Skin};
+use crate::collision::{Contact, Pair, PatchSide};
+use crate::math::{Real, Vec3};
+use crate::params::Parameters;
+use crate::surface::Compliance;
+
+/// Displacements below this are set to zero, m: far below rounding of any position, so nothing is lost but work.
+const FORGOTTEN: Real = 1e-20;
+
+/// Scratch: forces on the control points of one side.
+#[derive(Debug, Default)]
+pub(super) struct Scratch {
+    loaded: Vec<u32>,
+    force: Vec<Vec3>,
+    is_loaded: Vec<bool>,
+}
+
+/// Updates the memory of every pair from the solved reactions. Poses must still be those of the start of the step: reactions and frames are.
+pub(super) fn remember(
+    scratch: &mut Scratch,
+    pairs: &mut [Pair],
+    bodies: &[BodyEntry],
+    contacts: &[Contact],
+    reactions: &[Vec3],
+    params: &Parameters,
+) {
+    let mut first = 0;
+    for (index, pair) in pairs.iter_mut().enumerate() {
+        let count = contacts[first..].iter().take_while(|c| c.pair as usize == index).count();
+        let (patch, forces) = (&contacts[first..first + count], &reactions[first..first + count]);
+        first += count;
+        if count == 0 && pair.is_idle() {
+            continue;
+        }
+        for c in pair.loaded.drain(..) {
+            pair.reaction[c as usize] = Vec3::zeros();
+        }
+        for (contact, f) in patch.iter().zip(forces) {
+            if *f != Vec3::zeros() {
+                pair.reaction[contact.control_point as usize] = *f;
+                pair.loaded.push(contact.control_point);
+            }
+        }
+        let (entry_a, entry_b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
+        if let Some(skin) = &entry_a.skin {
+            let to_link = entry_a.body.link_pose(entry_a.skin_link).rotation.inverse();
+            let pushes = patch.iter().zip(forces).map(|(c, f)| (c.control_point as usize, to_link * (c.frame * f), c.area));
+            scratch.load(skin.surface.control.len(), pushes.map(|(c, f, _)| (c, f)));
+            displace(&mut pair.side_a, skin, scratch, params.dt);
+            // A coarse contact gives with the area of its node: the change of its own diagonal.
+            for (contact, f) in patch.iter().zip(forces).filter(|(c, _)| c.area != skin.surface.control.areas[c.control_point as usize]) {
+                let change = self_change(skin, contact) * (1.0 - skin.memory(params.dt));
+                pair.side_a.displacement[contact.control_point as usize] += to_link * (contact.frame * f) * change;
+            }
+        }
+        if let Some(skin) = &entry_b.skin {
+            let to_link = entry_b.body.link_pose(entry_b.skin_link).rotation.inverse();
+            let pushes = patch.iter().zip(forces).flat_map(|(c, f)| {
+                let force = -(to_link * (c.frame * f));
+                c.weights_b.iter().map(move |(k, weight)| (k, force * weight))
+            });
+            scratch.load(skin.surface.control.len(), pushes);
+            displace(&mut pair.side_b, skin, scratch, params.dt);
+        }
+    }
+}
+
+fn self_change(skin: &Skin, contact: &Contact) -> Real {
+    let (control, i) = (&skin.surface.control, contact.control_point as usize);
+    match &skin.compliance {
+        Compliance::Local(local) => local.change_for_area(control, i, contact.area),
+        Compliance::HalfSpace(half_space) => {
+            let n = control.normals[i];
+            n.dot(&((half_space.self_block(control, i, contact.area) - half_space.self_block(control, i, control.areas[i])) * n))
+        }
+    }
+}
+
+impl Scratch {
+    /// Sums the forces on each control point.
+    fn load(&mut self, control_points: usize, pushes: impl Iterator<Item = (usize, Vec3)>) {
+        for &c in &self.loaded {
+            (self.force[c as usize], self.is_loaded[c as usize]) = (Vec3::zeros(), false);
+        }
+        self.loaded.clear();
+        if self.force.len() < control_points {
+            self.force.resize(control_points, Vec3::zeros());
+            self.is_loaded.resize(control_points, false);
+        }
+        for (c, f) in pushes {
+            if f == Vec3::zeros() {
+                continue;
+            }
+            if !self.is_loaded[c] {
+                self.is_loaded[c] = true;
+                self.loaded.push(c as u32);
+            }
+            self.force[c] += f;
+        }
+    }
+}
+
+/// `u <- alpha u + (1 - alpha) K^-1 f` at every control point that a loaded one reaches.
+fn displace(side: &mut PatchSide, skin: &Skin, scratch: &Scratch, dt: Real) {
+    let alpha = skin.memory(dt);
+    for &c in &side.active {
+        side.displacement[c as usize] *= alpha;
+    }
+    match &skin.compliance {
+        Compliance::Local(local) => {
+            for &j in &scratch.loaded {
+                let force = scratch.force[j as usize] * (1.0 - alpha);
+                // G is symmetric: the row of j lists whom j reaches.
+                for e in local.neighbours.range(j as usize) {
+                    let i = local.neighbours.index[e] as usize;
+                    side.touch(i);
+                    side.displacement[i] += force * local.values[e];
+                }
+            }
+        }
+        Compliance::HalfSpace(half_space) => {
+            // A half-space reaches everywhere; followed are the loaded control points and their neighbours, and whatever was.
+            for &j in &scratch.loaded {
+                side.touch(j as usize);
+                for &i in skin.surface.leaf_neighbours.row(j as usize) {
+                    side.touch(i as usize);
+                }
+            }
+            for t in 0..side.active.len() {
+                let i = side.active[t] as usize;
+                let moved: Vec3 =
+                    scratch.loaded.iter().map(|&j| half_space.block(&skin.surface.control, i, j as usize) * scratch.force[j as usize]).sum();
+                side.displacement[i] += moved * (1.0 - alpha);
+            }
+        }
+    }
+    let (displacement, is_active) = (&mut side.displacement, &mut side.is_active);
+    side.active.retain(|&c| {
+        let keep = displacement[c as usize].norm_squared() > FORGOTTEN * FORGOTTEN;
+        if !keep {
+            displacement[c as usize] = Vec3::zeros();
+            is_active[c as usize] = false;
+        }
+        keep
+    });
+}
+
+/// Sums the patches of every skin, moves its points and refits its spheres.
+pub(super) fn deform_skins(bodies: &mut [BodyEntry], pairs: &[Pair], params: &Parameters) {
+    for entry in bodies.iter_mut() {
+        if let Some(skin) = &mut entry.skin {
+            skin.clear_displacement();
+        }
+    }
+    for pair in pairs {
+        for (body, side) in [(pair.a, &pair.side_a), (pair.b, &pair.side_b)] {
+            if let Some(skin) = &mut bodies[body as usize].skin {
+                for &c in &side.active {
+                    skin.add_displacement(c, &side.displacement[c as usize]);
+                }
+            }
+        }
+    }
+    for entry in bodies.iter_mut() {
+        if let Some(skin) = &mut entry.skin {
+            skin.deform(params);
+        }
+    }
+}

@@ -1,0 +1,216 @@
+//! `W_deform = sum over surfaces of H C H^T` of one patch, row by row (design 3.3, paper eqs. 7 to 9 and 13).
+//!
+//! `H` is the identity on the side `a` that carries the control points. On side `b` it interpolates from its control points (eq. 8): contact `i` gives
+//! weights `h_ik`, its force goes to them by the same weights, so the compliance between contacts `i` and `j` is `sum_kl h_ik C_kl h_jl`.
+
+use crate::body::{BodyEntry, Skin};
+use crate::collision::{Contact, Pair};
+use crate::gauss_seidel::MatrixFree;
+use crate::math::{Mat3, Real};
+use crate::surface::Compliance;
+
+const NONE: u32 = u32::MAX;
+
+/// Maps between contacts and control points of one patch, and the row being summed.
+#[derive(Debug, Default)]
+pub(super) struct Scratch {
+    /// `C = K^-1 (1 - alpha)`: shares of the static compliance over this step.
+    share_a: Real,
+    share_b: Real,
+    /// Rotation from the frame of `b`'s link to that of `a`'s, the elastic axes of the patch.
+    b_to_a: Mat3,
+    /// Contact of each control point of `a`, counted within the patch.
+    contact_of_a: Vec<u32>,
+    /// Control points of `b` in use, and where each is in that list.
+    used_b: Vec<u32>,
+    place_of_b: Vec<u32>,
+    /// For each used control point of `b` its contacts: (contact, weight), flat.
+    starts_b: Vec<u32>,
+    contacts_b: Vec<(u32, Real)>,
+    /// Half-space on side `b`: static blocks between the used control points, in elastic axes.
+    blocks_b: Vec<Mat3>,
+    row_b: Vec<Mat3>,
+    sum_b: Vec<Real>,
+    touched_b: Vec<u32>,
+    /// The row: isotropic value of each contact, and which are not zero.
+    row: Vec<Real>,
+    touched: Vec<u32>,
+    tensor: Vec<Mat3>,
+}
+
+impl Scratch {
+    /// Indexes the contacts of a patch.
+    pub fn prepare(&mut self, patch: &[Contact], pair: &Pair, a: &BodyEntry, b: &BodyEntry, dt: Real) {
+        let (Some(skin_a), Some(skin_b)) = (a.active_skin(), b.active_skin()) else { return };
+        self.share_a = 1.0 - skin_a.memory(dt);
+        self.share_b = 1.0 - skin_b.memory(dt);
+        let turn = a.body.link_pose(a.skin_link).rotation.inverse() * b.body.link_pose(b.skin_link).rotation;
+        self.b_to_a = turn.to_rotation_matrix().into_inner();
+        resize_at_least(&mut self.contact_of_a, pair.side_a.displacement.len(), NONE);
+        resize_at_least(&mut self.place_of_b, pair.side_b.displacement.len(), NONE);
+        for (i, contact) in patch.iter().enumerate() {
+            self.contact_of_a[contact.control_point as usize] = i as u32;
+        }
+        self.index_b(patch);
+        resize_at_least(&mut self.row, patch.len(), 0.0);
+        resize_at_least(&mut self.sum_b, self.used_b.len(), 0.0);
+        self.touched.clear();
+        self.touched_b.clear();
+        if let Compliance::HalfSpace(half_space) = &skin_b.compliance {
+            self.blocks_b.clear();
+            for &k in &self.used_b {
+                for &l in &self.used_b {
+                    let block = half_space.block(&skin_b.surface.control, k as usize, l as usize);
+                    self.blocks_b.push(self.b_to_a * block * self.b_to_a.transpose() * self.share_b);
+                }
+            }
+        }
+        self.tensor.clear();
+        self.tensor.resize(patch.len(), Mat3::zeros());
+    }
+
+    /// For each control point of `b` its contacts, by counting.
+    fn index_b(&mut self, patch: &[Contact]) {
+        self.used_b.clear();
+        self.starts_b.clear();
+        for contact in patch {
+            for (k, _) in contact.weights_b.iter() {
+                if self.place_of_b[k] == NONE {
+                    self.place_of_b[k] = self.used_b.len() as u32;
+                    self.used_b.push(k as u32);
+                    self.starts_b.push(0);
+                }
+                self.starts_b[self.place_of_b[k] as usize] += 1;
+            }
+        }
+        let mut total = 0;
+        for start in &mut self.starts_b {
+            (*start, total) = (total, total + *start);
+        }
+        self.contacts_b.clear();
+        self.contacts_b.resize(total as usize, (0, 0.0));
+        for (i, contact) in patch.iter().enumerate() {
+            for (k, weight) in contact.weights_b.iter() {
+                let start = &mut self.starts_b[self.place_of_b[k] as usize];
+                self.contacts_b[*start as usize] = (i as u32, weight);
+                *start += 1;
+            }
+        }
+        // The starts have moved to the ends: shift them back.
+        self.starts_b.insert(0, 0);
+    }
+
+    fn contacts_of_b(&self, place: usize) -> std::ops::Range<usize> {
+        self.starts_b[place] as usize..self.starts_b[place + 1] as usize
+    }
+
+    /// Writes the elastic row of contact `i` of the patch; `first` is the number of the patch's first contact in the whole problem.
+    pub fn push_row(&mut self, w: &mut MatrixFree, i: usize, first: usize, patch: &[Contact], skin_a: &Skin, skin_b: &Skin) {
+        let mut has_tensor = false;
+        let control_point = patch[i].control_point as usize;
+        match &skin_a.compliance {
+            Compliance::Local(local) => {
+                for e in local.neighbours.range(control_point) {
+                    let j = self.contact_of_a[local.neighbours.index[e] as usize];
+                    if j != NONE {
+                        self.add(j, self.share_a * local.values[e]);
+                    }
+                }
+                let change = local.change_for_area(&skin_a.surface.control, control_point, patch[i].area);
+                if change != 0.0 {
+                    self.add(i as u32, self.share_a * change);
+                }
+            }
+            Compliance::HalfSpace(half_space) => {
+                has_tensor = true;
+                let control = &skin_a.surface.control;
+                for (j, other) in patch.iter().enumerate() {
+                    let block = if i == j {
+                        half_space.self_block(control, control_point, patch[i].area)
+                    } else {
+                        half_space.block(control, control_point, other.control_point as usize)
+                    };
+                    self.tensor[j] = block * self.share_a;
+                }
+            }
+        }
+        match &skin_b.compliance {
+            Compliance::Local(local) => {
+                for (k, weight) in patch[i].weights_b.iter() {
+                    for e in local.neighbours.range(k) {
+                        let place = self.place_of_b[local.neighbours.index[e] as usize];
+                        if place != NONE {
+                            if self.sum_b[place as usize] == 0.0 {
+                                self.touched_b.push(place);
+                            }
+                            self.sum_b[place as usize] += weight * self.share_b * local.values[e];
+                        }
+                    }
+                }
+                for t in 0..self.touched_b.len() {
+                    let place = self.touched_b[t] as usize;
+                    let value = std::mem::take(&mut self.sum_b[place]);
+                    for c in self.contacts_of_b(place) {
+                        let (j, weight) = self.contacts_b[c];
+                        self.add(j, value * weight);
+                    }
+                }
+                self.touched_b.clear();
+            }
+            Compliance::HalfSpace(_) => {
+                has_tensor = true;
+                self.half_space_row_b(&patch[i]);
+            }
+        }
+        self.touched.sort_unstable();
+        for &j in &self.touched {
+            w.push_isotropic(first + j as usize, std::mem::take(&mut self.row[j as usize]));
+        }
+        self.touched.clear();
+        if has_tensor {
+            for (j, block) in self.tensor.iter_mut().enumerate() {
+                w.push_tensor(first + j, block);
+                *block = Mat3::zeros();
+            }
+        }
+    }
+
+    fn add(&mut self, j: u32, value: Real) {
+        if self.row[j as usize] == 0.0 {
+            self.touched.push(j);
+        }
+        self.row[j as usize] += value;
+    }
+
+    fn half_space_row_b(&mut self, contact: &Contact) {
+        let used = self.used_b.len();
+        self.row_b.clear();
+        self.row_b.resize(used, Mat3::zeros());
+        for (k, weight) in contact.weights_b.iter() {
+            let blocks = &self.blocks_b[self.place_of_b[k] as usize * used..][..used];
+            self.row_b.iter_mut().zip(blocks).for_each(|(sum, block)| *sum += block * weight);
+        }
+        for place in 0..used {
+            for c in self.contacts_of_b(place) {
+                let (j, weight) = self.contacts_b[c];
+                self.tensor[j as usize] += self.row_b[place] * weight;
+            }
+        }
+    }
+
+    /// Leaves the maps clean for the next patch.
+    pub fn finish(&mut self, patch: &[Contact]) {
+        for contact in patch {
+            self.contact_of_a[contact.control_point as usize] = NONE;
+        }
+        for &k in &self.used_b {
+            self.place_of_b[k as usize] = NONE;
+        }
+    }
+}
+
+fn resize_at_least<T: Copy>(values: &mut Vec<T>, len: usize, fill: T) {
+    if values.len() < len {
+        values.resize(len, fill);
+    }
+}

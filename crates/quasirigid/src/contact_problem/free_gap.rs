@@ -1,0 +1,31 @@
+//! `delta_free`: where the contact would be at the end of the step if nothing pressed.
+
+use crate::body::BodyEntry;
+use crate::collision::{Contact, Pair};
+use crate::free_motion::FreeMotion;
+use crate::math::{Real, Vec3};
+
+/// Gap and slip of one contact after the free motion, contact frame, m.
+///
+/// Design 3.3, with everything seen from the start of the step (`d_a`, `d_b`: displacement of the two material points by free and prescribed motion;
+/// `u`: elastic displacement, of which `alpha u` is left after the step without force; `e` = contact frame):
+///
+/// ```text
+/// delta_free = gap n + e^T [ d_a - d_b + (alpha_a - 1) u_a - (alpha_b - 1) u_b ]
+/// ```
+///
+/// `gap` already holds `u_a - u_b`: so the normal row is absolute, the tangential rows are increments of the step.
+pub(super) fn delta_free(contact: &Contact, pair: &Pair, bodies: &[BodyEntry], free: &[FreeMotion], dt: Real) -> Vec3 {
+    let (a, b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
+    let d_a = a.free_displacement(&free[pair.a as usize], &contact.point);
+    let d_b = b.free_displacement(&free[pair.b as usize], &contact.point);
+    let relaxed = |entry: &BodyEntry, u: Vec3| -> Vec3 {
+        let alpha = entry.skin.as_ref().map_or(0.0, |skin| skin.memory(dt));
+        entry.body.link_pose(entry.skin_link).rotation * (u * (alpha - 1.0))
+    };
+    let u_a = pair.side_a.displacement[contact.control_point as usize];
+    let u_b: Vec3 = contact.weights_b.iter().map(|(c, w)| pair.side_b.displacement[c] * w).sum();
+    let mut delta = contact.frame.transpose() * (d_a - d_b + relaxed(a, u_a) - relaxed(b, u_b));
+    delta.x += contact.gap;
+    delta
+}

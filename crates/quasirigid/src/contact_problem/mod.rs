@@ -1,0 +1,127 @@
+//! Stage 3: `delta = W f + delta_free` for the contacts found (design 3.3).
+//!
+//! `W = W_rigid + W_deform` is filled in its matrix-free form; [`ContactProblem::assembled`] gives the matrix for tests, export and users' own problems.
+
+mod elastic;
+mod free_gap;
+
+use crate::body::{BodyEntry, pair_friction};
+use crate::collision::{Contact, Pair};
+use crate::free_motion::FreeMotion;
+use crate::gauss_seidel::{Assembled, ContactStatus, MatrixFree, NO_BODY};
+use crate::error::Result;
+use crate::math::{Mat3x6, Real, Vec3};
+use std::time::{Duration, Instant};
+
+/// The problem that Gauss-Seidel solves, and its solution.
+#[derive(Debug, Default)]
+pub struct ContactProblem {
+    /// Delassus operator, m/N, in contact frames (normal, tangent1, tangent2).
+    pub w: MatrixFree,
+    /// Gap (normal) and slip (tangents) at the end of the step without reactions, m.
+    pub delta_free: Vec<Vec3>,
+    /// Friction coefficient of each contact.
+    pub mu: Vec<Real>,
+    /// Reactions, N: the warm start on entry to the solver, the solution after.
+    pub reactions: Vec<Vec3>,
+    /// Open, stick or slip, as the solver left it.
+    pub status: Vec<ContactStatus>,
+    /// Contacts that had to be left out because their block of `W` was not positive definite (no body of the pair can move there and neither gives).
+    pub ill_posed: usize,
+    /// Time to fill the rigid part and `delta_free`.
+    pub rigid_time: Duration,
+    /// Time to fill the elastic part.
+    pub deform_time: Duration,
+    elastic: elastic::Scratch,
+}
+
+impl ContactProblem {
+    /// Number of contacts.
+    pub fn len(&self) -> usize {
+        self.delta_free.len()
+    }
+
+    /// Whether there are no contacts.
+    pub fn is_empty(&self) -> bool {
+        self.delta_free.is_empty()
+    }
+
+    /// `W` as a sparse matrix of 3x3 blocks.
+    ///
+    /// # Errors
+    /// None for a problem that a step has filled: its blocks were checked.
+    pub fn assembled(&self) -> Result<Assembled> {
+        Assembled::from_matrix_free(&self.w)
+    }
+}
+
+/// Fills the problem. `contacts` is ordered by pair; contacts that cannot be solved are taken out of it.
+pub fn contact_problem(
+    out: &mut ContactProblem,
+    contacts: &mut Vec<Contact>,
+    pairs: &[Pair],
+    bodies: &[BodyEntry],
+    free: &[FreeMotion],
+    dt: Real,
+) {
+    out.ill_posed = 0;
+    loop {
+        fill(out, contacts, pairs, bodies, free, dt);
+        match out.w.finish() {
+            Ok(()) => return,
+            Err(ill_posed) => {
+                contacts.remove(ill_posed);
+                out.ill_posed += 1;
+            }
+        }
+    }
+}
+
+fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &[Pair], bodies: &[BodyEntry], free: &[FreeMotion], dt: Real) {
+    out.w.clear(bodies.len());
+    out.delta_free.clear();
+    out.mu.clear();
+    out.reactions.clear();
+    out.status.clear();
+    out.status.resize(contacts.len(), ContactStatus::Open);
+    (out.rigid_time, out.deform_time) = (Duration::ZERO, Duration::ZERO);
+    let mut first = 0;
+    while first < contacts.len() {
+        let index = contacts[first].pair;
+        let end = contacts[first..].iter().position(|c| c.pair != index).map_or(contacts.len(), |count| first + count);
+        let start = Instant::now();
+        let patch = &contacts[first..end];
+        let pair = &pairs[index as usize];
+        let (entry_a, entry_b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
+        if let (Some(skin_a), Some(skin_b)) = (entry_a.active_skin(), entry_b.active_skin()) {
+            let mu = pair_friction(&skin_a.material, &skin_b.material);
+            for contact in patch {
+                out.delta_free.push(free_gap::delta_free(contact, pair, bodies, free, dt));
+                out.mu.push(mu);
+                out.reactions.push(pair.reaction[contact.control_point as usize]);
+            }
+            let elastic_axes = entry_a.body.link_pose(entry_a.skin_link).rotation.to_rotation_matrix().into_inner().transpose();
+            out.elastic.prepare(patch, pair, entry_a, entry_b, dt);
+            let prepared = Instant::now();
+            out.rigid_time += prepared - start;
+            for (i, contact) in patch.iter().enumerate() {
+                let (slot_a, ja) = rigid_rows(contact, pair.a, entry_a, &free[pair.a as usize], 1.0);
+                let (slot_b, jb) = rigid_rows(contact, pair.b, entry_b, &free[pair.b as usize], -1.0);
+                out.w.push_contact(slot_a, &ja, slot_b, &jb, &(elastic_axes * contact.frame));
+                out.elastic.push_row(&mut out.w, i, first, patch, skin_a, skin_b);
+            }
+            out.elastic.finish(patch);
+            out.deform_time += prepared.elapsed();
+        }
+        first = end;
+    }
+}
+
+/// `J S` of one body at one contact, in the contact frame: its part of `W_rigid` is `(J S)(J S)^T` as `A^-1 = S S^T`. The sign makes relative displacement a - b.
+fn rigid_rows(contact: &Contact, body: u32, entry: &BodyEntry, free: &FreeMotion, sign: Real) -> (u32, Mat3x6) {
+    if free.dof == 0 {
+        return (NO_BODY, Mat3x6::zeros());
+    }
+    let jacobian = entry.body.point_jacobian(entry.skin_link, &contact.point);
+    (body, contact.frame.transpose() * jacobian * free.inverse_root * sign)
+}

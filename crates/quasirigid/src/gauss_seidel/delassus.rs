@@ -1,0 +1,31 @@
+//! What the solver needs to know of the Delassus operator `W` (m/N): a diagonal block, a row, and a place to put a changed reaction.
+
+use super::contact_solve::ContactBlock;
+use crate::math::Vec3;
+
+/// The Delassus operator with the reactions it is applied to. It maps contact forces to relative displacements at the contacts,
+/// all in contact frames (normal, tangent1, tangent2).
+///
+/// The operator holds a copy of the reactions in whatever form makes a row cheap: as they are ([`super::Assembled`]), or already summed
+/// body by body and turned to the axes of the elastic patches ([`super::MatrixFree`]).
+pub trait Delassus {
+    /// Number of contacts.
+    fn len(&self) -> usize;
+
+    /// Whether there is no contact.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// `W_ii`, prepared for the exact solve of contact `i`.
+    fn diagonal_block(&self, i: usize) -> &ContactBlock;
+
+    /// Replaces all reactions; `f` in N, one per contact.
+    fn set_reactions(&mut self, f: &[Vec3]);
+
+    /// Row `i` of `W f` with the reactions now held, m.
+    fn displacement(&self, i: usize) -> Vec3;
+
+    /// `f_i += change`, N.
+    fn add_reaction(&mut self, i: usize, change: &Vec3);
+}

@@ -1,0 +1,29 @@
+//! Stage 4, `gauss_seidel`: Signorini and Coulomb solved exactly, contact by contact, on the Delassus operator.
+//!
+//! This stage knows neither bodies nor meshes. Given `delta_free` (m), the friction coefficients `mu` and an operator `W` (m/N) it finds
+//! reactions `f` (N) in contact frames (normal, tangent1, tangent2) such that with `delta = W f + delta_free`
+//!
+//! ```text
+//! 0 <= f_n  perp  delta_n >= 0
+//! |f_t| < mu f_n  =>  delta_t = 0;      |f_t| = mu f_n  =>  delta_t = -lambda f_t,  lambda >= 0
+//! ```
+//!
+//! No friction pyramid, no regularisation. [`solve`] does the sweeps, [`ContactBlock`] solves one contact, [`natural_map_residual`] says how far off
+//! the result is, [`Delassus`] is what an operator must offer, [`MatrixFree`] and [`Assembled`] are the two there are.
+
+mod anderson;
+mod assembled;
+mod contact_solve;
+mod delassus;
+mod matrix_free;
+mod parameters;
+mod residual;
+mod sweep;
+
+pub use assembled::Assembled;
+pub use contact_solve::{ContactBlock, ContactStatus};
+pub use delassus::Delassus;
+pub use matrix_free::{MatrixFree, NO_BODY};
+pub use parameters::{SolveReport, SolverParameters, Stop, check_problem};
+pub use residual::{natural_map, natural_map_residual, project_on_cone};
+pub use sweep::{Scratch, solve};

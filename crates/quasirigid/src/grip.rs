@@ -1,0 +1,222 @@
+//! A controller that closes a hand: every pad travels along its closing direction until it touches, then presses with its share of the squeeze;
+//! then the joint targets are frozen, and the object is held by stiffness and friction alone.
+
+use crate::body::inverse_kinematics::{IkOptions, TipGoal, inverse_kinematics};
+use crate::error::{Error, Result, check_finite, check_positive};
+use crate::math::{Real, Vec3};
+use crate::world::{HandHandle, World};
+
+/// Speed of a pad before it touches, m/s.
+const CLOSING_SPEED: Real = 0.05;
+/// Most speed of a pad while it presses, m/s.
+const PRESSING_SPEED: Real = 0.02;
+/// How fast a pad moves per newton that is missing, m/(s N): with 0.2 to 2 kN/m of pad and finger in series the force settles in 20 to 250 ms.
+const GAIN: Real = 0.02;
+/// A pad that presses with this much has touched, N.
+const TOUCH: Real = 0.02;
+/// The squeeze is reached when every force stays within this share of its goal ...
+const SETTLED: Real = 0.01;
+/// ... for this long, s.
+const SETTLE_TIME: Real = 0.1;
+/// A pad that travelled this far without touching has missed, m.
+const LONGEST_TRAVEL: Real = 0.06;
+
+/// What the controller is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GripState {
+    /// Pads travel until all have touched.
+    Closing,
+    /// Forces are being brought to the squeeze.
+    Squeezing,
+    /// Joint targets are frozen.
+    Holding,
+    /// Pads travel back.
+    Opening,
+    /// Pads are back where they started.
+    Open,
+    /// A pad travelled all the way without touching.
+    Missed,
+}
+
+/// Where a pad starts and which way it closes, hand frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PadPath {
+    /// Middle of the pad's palmar surface at the start, m.
+    pub start: Vec3,
+    /// Closing direction; also where the pad faces.
+    pub direction: Vec3,
+    /// Share of the squeeze that this pad presses with: 1 for a thumb, 1/2 for each of two fingers that oppose it.
+    pub share: Real,
+}
+
+#[derive(Debug, Clone)]
+struct Pad {
+    path: PadPath,
+    travel: Real,
+    targets: Vec<Real>,
+}
+
+/// The controller. Call [`Grip::update`] once before every [`World::step`].
+#[derive(Debug, Clone)]
+pub struct Grip {
+    hand: HandHandle,
+    squeeze: Real,
+    state: GripState,
+    pads: Vec<Pad>,
+    settled_for: Real,
+}
+
+impl Grip {
+    /// Takes over a hand and puts its joints at once where the pads are at the start of their paths.
+    ///
+    /// `squeeze`: force (N) of the side with share 1.
+    ///
+    /// # Errors
+    /// [`Error::InvalidShape`] if there is not one path for each finger, [`Error::InvalidValue`] for numbers out of range and for a start that a finger
+    /// does not reach, [`Error::InvalidHandle`] for a hand that was removed.
+    pub fn new(world: &mut World, hand: HandHandle, paths: &[PadPath], squeeze: Real) -> Result<Self> {
+        check_positive("squeeze", squeeze, "N")?;
+        let fingers = world.hand(hand)?.fingers.len();
+        if paths.len() != fingers {
+            return Err(Error::shape("paths of the pads", format!("{fingers}, one for each finger"), paths.len(), "give one path for each finger"));
+        }
+        let mut pads = Vec::with_capacity(fingers);
+        for (finger, path) in paths.iter().enumerate() {
+            check_finite("start of a pad", path.start.iter())?;
+            check_positive("length of a closing direction", path.direction.norm(), "-")?;
+            check_positive("share of the squeeze", path.share, "-")?;
+            let path = PadPath { direction: path.direction.normalize(), ..*path };
+            let start = [0.0, 0.3, 0.5, 0.2].iter().copied().chain(std::iter::repeat(0.0)).take(world.finger(hand, finger)?.model().dof());
+            let mut pad = Pad { path, travel: 0.0, targets: start.collect() };
+            let error = pad.solve(world, hand, finger, &IkOptions::default())?;
+            if error > 1e-3 {
+                return Err(Error::value(
+                    format!("start of pad {finger}"),
+                    "a place within reach of the finger",
+                    format!("{:?} m, missed by {:.1} mm", path.start.as_slice(), error * 1e3),
+                    "start nearer to the palm, or turn the hand",
+                ));
+            }
+            let body = world.finger_mut(hand, finger)?;
+            body.set_joint_positions(&pad.targets)?;
+            body.set_joint_targets(&pad.targets)?;
+            pads.push(pad);
+        }
+        Ok(Self { hand, squeeze, state: GripState::Closing, pads, settled_for: 0.0 })
+    }
+
+    /// What the controller is doing.
+    pub fn state(&self) -> GripState {
+        self.state
+    }
+
+    /// The hand that it moves.
+    pub fn hand(&self) -> HandHandle {
+        self.hand
+    }
+
+    /// The squeeze, N.
+    pub fn squeeze(&self) -> Real {
+        self.squeeze
+    }
+
+    /// Asks for another squeeze (N); a held object is squeezed anew.
+    ///
+    /// # Errors
+    /// [`Error::InvalidValue`] if it is not finite and positive.
+    pub fn set_squeeze(&mut self, squeeze: Real) -> Result<()> {
+        check_positive("squeeze", squeeze, "N")?;
+        self.squeeze = squeeze;
+        if self.state == GripState::Holding {
+            (self.state, self.settled_for) = (GripState::Squeezing, 0.0);
+        }
+        Ok(())
+    }
+
+    /// Freezes the joint targets as they are.
+    pub fn hold(&mut self) {
+        self.state = GripState::Holding;
+    }
+
+    /// Lets go: the pads travel back to their start.
+    pub fn open(&mut self) {
+        self.state = GripState::Opening;
+    }
+
+    /// Closes again.
+    pub fn close(&mut self) {
+        (self.state, self.settled_for) = (GripState::Closing, 0.0);
+    }
+
+    /// Force with which each pad pressed along its closing direction in the last step, N.
+    ///
+    /// # Errors
+    /// [`Error::InvalidHandle`] if the hand was removed.
+    pub fn forces(&self, world: &World) -> Result<Vec<Real>> {
+        let hand = world.hand(self.hand)?;
+        let pads = self.pads.iter().zip(&hand.fingers);
+        pads.map(|(pad, &finger)| Ok(-world.contact_force_on(finger)?.dot(&(hand.base.rotation * pad.path.direction)))).collect()
+    }
+
+    /// Moves the joint targets by one time step of the world.
+    ///
+    /// # Errors
+    /// [`Error::InvalidHandle`] if the hand was removed.
+    pub fn update(&mut self, world: &mut World) -> Result<()> {
+        let dt = world.parameters().dt;
+        let forces = self.forces(world)?;
+        match self.state {
+            GripState::Closing => {
+                for (pad, force) in self.pads.iter_mut().zip(&forces) {
+                    // A pad that has touched waits for the others with a touch.
+                    let speed = if *force < TOUCH { CLOSING_SPEED } else { (GAIN * (2.0 * TOUCH - force)).clamp(-PRESSING_SPEED, 0.0) };
+                    pad.travel += speed * dt;
+                }
+                if self.pads.iter().any(|pad| pad.travel > LONGEST_TRAVEL) {
+                    self.state = GripState::Missed;
+                } else if forces.iter().all(|&force| force >= TOUCH) {
+                    self.state = GripState::Squeezing;
+                }
+            }
+            GripState::Squeezing => {
+                let mut settled = true;
+                for (pad, force) in self.pads.iter_mut().zip(&forces) {
+                    let wanted = self.squeeze * pad.path.share;
+                    pad.travel += (GAIN * (wanted - force)).clamp(-PRESSING_SPEED, PRESSING_SPEED) * dt;
+                    settled &= (wanted - force).abs() < SETTLED * wanted;
+                }
+                self.settled_for = if settled { self.settled_for + dt } else { 0.0 };
+                if self.settled_for >= SETTLE_TIME {
+                    self.state = GripState::Holding;
+                }
+            }
+            GripState::Opening => {
+                self.pads.iter_mut().for_each(|pad| pad.travel = (pad.travel - CLOSING_SPEED * dt).max(0.0));
+                if self.pads.iter().all(|pad| pad.travel == 0.0) {
+                    self.state = GripState::Open;
+                }
+            }
+            GripState::Holding | GripState::Open | GripState::Missed => return Ok(()),
+        }
+        // From step to step the pads move by micrometres: a few iterations from where they were.
+        let options = IkOptions { max_iterations: 10, restarts: 0, ..IkOptions::default() };
+        for (finger, pad) in self.pads.iter_mut().enumerate() {
+            pad.solve(world, self.hand, finger, &options)?;
+            world.finger_mut(self.hand, finger)?.set_joint_targets(&pad.targets)?;
+        }
+        Ok(())
+    }
+}
+
+impl Pad {
+    /// Joint targets for where the pad is on its path; returns how far off they are, m.
+    fn solve(&mut self, world: &World, hand: HandHandle, finger: usize, options: &IkOptions) -> Result<Real> {
+        let tip = world.hand(hand)?.model.tips()[finger].apex();
+        let goal = TipGoal::facing(self.path.start + self.path.direction * self.travel, self.path.direction)?;
+        let model = world.finger(hand, finger)?.model();
+        let found = inverse_kinematics(model, &tip, &goal, &self.targets, options)?;
+        let joints = self.targets.len();
+        self.targets.copy_from_slice(&found.positions[..joints]);
+        Ok(found.position_error)
+    }
+}

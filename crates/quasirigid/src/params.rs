@@ -1,0 +1,67 @@
+//! Every tolerance and limit of the engine: unit, default, and what changes when it is touched.
+
+use crate::error::{Error, Result, check_finite, check_non_negative, check_positive};
+use crate::gauss_seidel::SolverParameters;
+use crate::math::{Real, Vec3};
+
+/// Parameters of a world. Plain data; [`Parameters::check`] is called when a world is made or its parameters are replaced.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameters {
+    /// Time step, s. Default 1e-3. Larger steps stay stable (all is implicit) but damp motion more.
+    pub dt: Real,
+    /// Gravity, m/s^2, world frame. Default (0, 0, -9.81).
+    pub gravity: Vec3,
+    /// `delta_c` of the paper: contacts up to this gap enter the problem, m. Default 2e-4. Too small and a neighbour that is pushed into
+    /// contact during the solve is missed for one step; too large and the solver drags contacts that stay open.
+    pub contact_margin: Real,
+    /// Sphere tests that collision may spend in a step. Default: no limit worth the name (10 million). When it is spent the traversal stops at the level it has
+    /// reached and the report says `coarse`: patches are then made of fewer, larger contacts.
+    pub traversal_budget: usize,
+    /// Projections on a surface stop when the distance left is below this, m. Default 1e-10.
+    pub projection_tolerance: Real,
+    /// Spheres are refitted after deformation up to this level of the tree, 0 being the root; nodes above are inflated by the largest displacement instead.
+    /// Default 6. Higher saves time, and makes the upper spheres looser.
+    pub refit_level: u32,
+    /// Elastic displacements below this move no surface point and refit no sphere, m. Default 1e-7. The control points keep the exact value.
+    pub deformation_threshold: Real,
+    /// Threads. Default 1. The result is the same bits for any number.
+    pub threads: usize,
+    /// When the solver stops.
+    pub solver: SolverParameters,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            dt: 1e-3,
+            gravity: Vec3::new(0.0, 0.0, -9.81),
+            contact_margin: 2e-4,
+            traversal_budget: 10_000_000,
+            projection_tolerance: 1e-10,
+            refit_level: 6,
+            deformation_threshold: 1e-7,
+            threads: 1,
+            solver: SolverParameters::default(),
+        }
+    }
+}
+
+impl Parameters {
+    /// # Errors
+    /// [`Error::InvalidValue`] for the first parameter that is out of range.
+    pub fn check(&self) -> Result<()> {
+        check_positive("dt", self.dt, "s")?;
+        check_finite("gravity", self.gravity.iter())?;
+        check_non_negative("contact_margin", self.contact_margin, "m")?;
+        check_positive("projection_tolerance", self.projection_tolerance, "m")?;
+        check_non_negative("deformation_threshold", self.deformation_threshold, "m")?;
+        check_positive("tolerance", self.solver.tolerance, "-")?;
+        if self.threads == 0 || self.threads > 1024 {
+            return Err(Error::value("threads", "between 1 and 1024", self.threads, "give the number of cores to use"));
+        }
+        if self.solver.max_sweeps == 0 {
+            return Err(Error::value("max_sweeps", "at least 1", 0, "the solver needs one sweep to find any reaction"));
+        }
+        Ok(())
+    }
+}

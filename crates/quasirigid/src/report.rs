@@ -1,0 +1,75 @@
+//! What a step says of itself.
+
+use crate::gauss_seidel::Stop;
+use crate::math::Real;
+use std::time::Duration;
+
+/// The five stages, in order: the names of modules, timers and headings.
+pub const STAGES: [&str; 5] = ["free_motion", "collision", "contact_problem", "gauss_seidel", "constrained_motion"];
+
+/// Time of every stage of one step, and of its parts that the benchmark lists.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct StageTimes {
+    /// Stage 1.
+    pub free_motion: Duration,
+    /// Stage 2.
+    pub collision: Duration,
+    /// Stage 3.
+    pub contact_problem: Duration,
+    /// Stage 4.
+    pub gauss_seidel: Duration,
+    /// Stage 5.
+    pub constrained_motion: Duration,
+    /// Of stage 2: sphere trees traversed.
+    pub traverse: Duration,
+    /// Of stage 2: control points projected.
+    pub interpenetration: Duration,
+    /// Of stage 3: gaps, warm start, index of the patch.
+    pub w_rigid: Duration,
+    /// Of stage 3: rows of both parts of W.
+    pub w_deform: Duration,
+    /// Of stage 5: points deformed and spheres refitted.
+    pub hierarchy_update: Duration,
+}
+
+impl StageTimes {
+    /// The five stages, in the order of [`STAGES`].
+    pub fn stages(&self) -> [Duration; 5] {
+        [self.free_motion, self.collision, self.contact_problem, self.gauss_seidel, self.constrained_motion]
+    }
+
+    /// The whole step.
+    pub fn total(&self) -> Duration {
+        self.stages().iter().sum()
+    }
+}
+
+/// What [`crate::World::step`] returns.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StepReport {
+    /// Time at the end of the step, s.
+    pub time: Real,
+    /// Contacts in the problem.
+    pub contacts: usize,
+    /// Gauss-Seidel sweeps.
+    pub sweeps: u32,
+    /// Natural-map residual of the reactions, no unit.
+    pub residual: Real,
+    /// Why the solver stopped.
+    pub stop: Stop,
+    /// The traversal budget ran out: some contacts are coarser than the leaves.
+    pub coarse: bool,
+    /// Contacts left out because nothing could move or give there.
+    pub ill_posed: usize,
+    /// Bodies that became non-finite in this step and were rolled back and set aside.
+    pub quarantined: Vec<crate::world::BodyHandle>,
+    /// Time of every stage.
+    pub times: StageTimes,
+}
+
+impl StepReport {
+    /// Whether the solver reached its tolerance.
+    pub fn converged(&self) -> bool {
+        self.stop == Stop::Converged
+    }
+}

@@ -1,0 +1,9 @@
+//! Small worlds shared by tests, benchmarks, examples and the Python package.
+
+pub mod grasp;
+pub mod incline;
+pub mod pinch;
+
+pub use grasp::{GraspOptions, GraspScene};
+pub use incline::Incline;
+pub use pinch::{Pinch, PinchOptions};

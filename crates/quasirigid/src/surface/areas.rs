@@ -1,0 +1,172 @@
+//! The area that each point of a surface stands for: its Voronoi cell among its neighbours, unfolded into its tangent plane.
+//!
+//! Two refinements keep the cells right where a plain projection on the tangent plane would not:
+//! - *Unfolding.* A neighbour whose normal makes an angle phi with ours is `c` away across the crease between the two tangent planes
+//!   (c: length of the chord, perpendicular to the crease). Over the crease the way is `c / cos(phi/2)`, exact for a box edge halfway
+//!   between both points, and right to second order on a round surface. So a point beside a box edge keeps its whole cell.
+//! - *Open borders.* Where no neighbour lies within a wide angle, the neighbours opposite are mirrored into the gap: the cell ends as
+//!   far outside the point as it does inside, half a spacing.
+
+use crate::math::{Real, Vec3, contact_frame};
+use crate::surface::neighbours::all_nearest;
+use rayon::prelude::*;
+use std::f64::consts::PI;
+
+/// Neighbours that may bound a cell.
+pub(crate) const AREA_NEIGHBOURS: usize = 16;
+/// Neighbours whose normals differ by more than this angle (cosine) are on another sheet, not around an edge.
+const OTHER_SHEET_COSINE: Real = -0.5;
+/// An angle without neighbours wider than this (rad) is a border. An evenly sampled interior has none above 1.1.
+const BORDER_GAP: Real = 2.0 * PI / 3.0;
+/// A cell reaches at most this many times the distance of the sixth neighbour: a cap for outliers, far outside regular cells.
+const REACH: Real = 1.5;
+
+/// Area of every point (m^2, > 0 unless its neighbours all coincide with it), for `points` (m) with unit `normals`.
+pub fn estimate_areas(points: &[Vec3], normals: &[Vec3]) -> Vec<Real> {
+    let (k, nearest) = all_nearest(points, AREA_NEIGHBOURS);
+    let mut areas = vec![0.0; points.len()];
+    if k > 0 {
+        areas.par_iter_mut().zip(nearest.par_chunks(k)).enumerate().for_each_init(Cell::default, |cell, (i, (area, list))| {
+            *area = cell.area(i, list, points, normals);
+        });
+    }
+    areas
+}
+
+/// Scratch for one cell.
+#[derive(Default)]
+struct Cell {
+    neighbours: Vec<[Real; 2]>,
+    angles: Vec<Real>,
+    polygon: Vec<[Real; 2]>,
+    clipped: Vec<[Real; 2]>,
+}
+
+impl Cell {
+    fn area(&mut self, i: usize, list: &[u32], points: &[Vec3], normals: &[Vec3]) -> Real {
+        let frame = contact_frame(&normals[i], &Vec3::x());
+        self.neighbours.clear();
+        for &j in list {
+            let j = j as usize;
+            if let Some(d) = unfold(&(points[j] - points[i]), &normals[i], &normals[j]) {
+                let flat = frame.transpose() * d;
+                if flat.y != 0.0 || flat.z != 0.0 {
+                    self.neighbours.push([flat.y, flat.z]);
+                }
+            }
+        }
+        let length = |d: &[Real; 2]| d[0].hypot(d[1]);
+        self.neighbours.sort_by(|a, b| length(a).total_cmp(&length(b)));
+        let Some(sixth) = self.neighbours.get(5).or(self.neighbours.last()) else { return 0.0 };
+        let reach = REACH * length(sixth);
+        self.mirror_into_gap();
+        self.polygon.clear();
+        self.polygon.extend([[-reach, -reach], [reach, -reach], [reach, reach], [-reach, reach]]);
+        for d in &self.neighbours {
+            clip(&self.polygon, d, &mut self.clipped);
+            std::mem::swap(&mut self.polygon, &mut self.clipped);
+        }
+        let n = self.polygon.len();
+        let twice: Real = (0..n)
+            .map(|a| {
+                let (p, q) = (self.polygon[a], self.polygon[(a + 1) % n]);
+                p[0] * q[1] - p[1] * q[0]
+            })
+            .sum();
+        0.5 * twice
+    }
+
+    /// Adds the mirror images, through the point, of the neighbours opposite to the widest angle without neighbours.
+    fn mirror_into_gap(&mut self) {
+        self.angles.clear();
+        self.angles.extend(self.neighbours.iter().map(|d| d[1].atan2(d[0])));
+        self.angles.sort_by(Real::total_cmp);
+        let m = self.angles.len();
+        let (mut widest, mut start) = (0.0, 0.0);
+        for a in 0..m {
+            let next = if a + 1 < m { self.angles[a + 1] } else { self.angles[0] + 2.0 * PI };
+            if next - self.angles[a] > widest {
+                (widest, start) = (next - self.angles[a], self.angles[a]);
+            }
+        }
+        if widest <= BORDER_GAP {
+            return;
+        }
+        for a in 0..m {
+            let [x, y] = self.neighbours[a];
+            let into_gap = ((-y).atan2(-x) - start).rem_euclid(2.0 * PI);
+            if into_gap < widest {
+                self.neighbours.push([-x, -y]);
+            }
+        }
+    }
+}
+
+/// The neighbour at `d`, with normal `m`, laid out in the tangent plane of the normal `n`; `None` if it is on another sheet.
+fn unfold(d: &Vec3, n: &Vec3, m: &Vec3) -> Option<Vec3> {
+    let cosine = n.dot(m);
+    if cosine < OTHER_SHEET_COSINE {
+        return None;
+    }
+    let in_plane = d - n * n.dot(d);
+    let crease = n.cross(m);
+    let sine = crease.norm();
+    if sine < 1e-9 {
+        return Some(in_plane);
+    }
+    let crease = crease / sine;
+    let along = crease.dot(d);
+    let across_chord = (d.norm_squared() - along * along).max(0.0).sqrt();
+    let across = across_chord / (0.5 * (1.0 + cosine)).sqrt();
+    let direction = n.cross(&crease);
+    Some(crease * along + direction * across.copysign(direction.dot(d)))
+}
+
+/// Keeps the part of a convex polygon that is nearer to the origin than to `d`.
+fn clip(polygon: &[[Real; 2]], d: &[Real; 2], out: &mut Vec<[Real; 2]>) {
+    out.clear();
+    let half = 0.5 * (d[0] * d[0] + d[1] * d[1]);
+    let beyond = |p: &[Real; 2]| p[0] * d[0] + p[1] * d[1] - half;
+    for (a, p) in polygon.iter().enumerate() {
+        let q = &polygon[(a + 1) % polygon.len()];
+        let (side_p, side_q) = (beyond(p), beyond(q));
+        if side_p <= 0.0 {
+            out.push(*p);
+        }
+        if (side_p < 0.0 && side_q > 0.0) || (side_p > 0.0 && side_q < 0.0) {
+            let t = side_p / (side_p - side_q);
+            out.push([p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1])]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::shapes::*;
+
+    /// Worst relative error of a single area, and of their sum.
+    fn errors(surface: &crate::surface::PointSurface) -> (Real, Real) {
+        let estimated = estimate_areas(surface.points(), surface.normals());
+        let worst = estimated.iter().zip(surface.areas()).map(|(e, a)| (e / a - 1.0).abs()).fold(0.0, Real::max);
+        (worst, estimated.iter().sum::<Real>() / surface.total_area() - 1.0)
+    }
+
+    #[test]
+    fn estimated_areas_match_the_exact_ones() {
+        let cases = [
+            ("sphere", sample_sphere(0.01, 2400).unwrap(), 0.08, 0.003),
+            ("coarse sphere", sample_sphere(0.01, 200).unwrap(), 0.1, 0.02),
+            ("box with its edges", sample_box(Vec3::new(0.06, 0.05, 0.08), 3600).unwrap(), 0.05, 0.002),
+            ("open patch with its border", sample_half_space(0.1, 900).unwrap(), 1e-9, 1e-9),
+            ("uneven open patch", sample_half_space(0.1, 950).unwrap(), 0.05, 0.002),
+            ("open fingertip", sample_fingertip(Vec3::new(0.008, 0.009, 0.007), 2400).unwrap(), 0.1, 0.003),
+            ("cylinder", sample_cylinder(0.01, 0.04, 2400).unwrap(), 0.15, 0.003),
+        ];
+        for (name, surface, each, sum) in cases {
+            let (worst, total) = errors(&surface);
+            println!("{name}: worst area off by {worst:.4}, sum by {total:.5}");
+            assert!(worst < each && total.abs() < sum, "{name}: worst area off by {worst:.4}, sum by {total:.5}");
+        }
+    }
+}

@@ -1,0 +1,21 @@
+//! Point surfaces: sampled shapes, neighbours, normals and areas, the smooth surface through the points, and what contact needs on top:
+//! sphere tree, control points, compliance.
+
+pub mod areas;
+pub mod compliance;
+pub mod control_points;
+pub mod eigenvector;
+pub mod moving_least_squares;
+pub mod neighbours;
+pub mod normals;
+pub mod point_surface;
+pub mod shapes;
+pub mod sphere_tree;
+pub mod surface_model;
+
+pub use compliance::{Compliance, HalfSpaceCompliance, LocalCompliance};
+pub use control_points::{ControlPoints, Weights};
+pub use neighbours::NeighbourGrid;
+pub use point_surface::PointSurface;
+pub use sphere_tree::SphereTree;
+pub use surface_model::Surface;

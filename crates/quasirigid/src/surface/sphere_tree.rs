@@ -1,0 +1,277 @@
+//! Binary tree of bounding spheres over the points of a surface (design 3.2; the paper's section 3.3, after Klein and Zachmann).
+//!
+//! Built top-down with a quota: a node that owes `m` leaves hands `m/2` of them, and points in the same ratio, to each side of a
+//! cut across its longest axis. So the tree has exactly the number of leaves asked for, and leaves of nearly equal area. Near
+//! the leaves a node whose normals disagree is cut between the normals instead: a leaf never bends around a sharp edge while
+//! another cut is possible.
+//!
+//! Nodes are stored breadth-first (a parent before its children), so that a bottom-up pass is a loop from the end. Points are
+//! re-ordered so that every node owns a contiguous range: a leaf's points are a slice, and a strided pick out of an inner
+//! node's range is an even sample of what lies below it (its level of detail).
+
+use crate::math::{Mat3, Real, Vec3};
+
+/// Points in the sample that stands for an inner node.
+pub const SAMPLE_SIZE: usize = 16;
+
+/// Below this many leaves a node may be cut by normals instead of positions.
+const NORMAL_CUT_LEAVES: usize = 32;
+
+/// A node is cut by normals when the mean of its unit normals is shorter than this (about 30 degrees of spread each way).
+const NORMAL_CUT_LENGTH: Real = 0.9;
+
+/// One node, undeformed. The spheres that follow deformation are in [`crate::body::Skin`].
+#[derive(Debug, Clone)]
+pub struct Node {
+    /// Centre of the sphere, body frame, m.
+    pub center: Vec3,
+    /// Radius of the sphere, m: covers the points below and half the way to their neighbours.
+    pub radius: Real,
+    /// Index of the two children, or `None` for a leaf.
+    pub children: Option<[u32; 2]>,
+    /// Range of points, in tree order.
+    pub first_point: u32,
+    /// Number of points.
+    pub point_count: u32,
+    /// Range of leaves, in leaf order.
+    pub first_leaf: u32,
+    /// Number of leaves; 1 at a leaf.
+    pub leaf_count: u32,
+    /// Parent's index; the root is its own parent.
+    pub parent: u32,
+    /// Depth: 0 at the root.
+    pub level: u32,
+    /// Area of the points below, m^2.
+    pub area: Real,
+    /// Area-weighted mean of the unit normals below, not normalised: its length says how flat the node is.
+    pub mean_normal: Vec3,
+    /// The leaf nearest to the centre: its control point stands for the node when a traversal stops here.
+    pub representative: u32,
+}
+
+impl Node {
+    /// The points as a range of tree order.
+    pub fn points(&self) -> std::ops::Range<usize> {
+        self.first_point as usize..(self.first_point + self.point_count) as usize
+    }
+
+    /// Index in tree order of the `k`-th of [`SAMPLE_SIZE`] sample points (fewer if the node has fewer points).
+    pub fn sample(&self, k: usize) -> usize {
+        let count = self.sample_len();
+        self.first_point as usize + (2 * k + 1) * self.point_count as usize / (2 * count)
+    }
+
+    /// Number of sample points.
+    pub fn sample_len(&self) -> usize {
+        (self.point_count as usize).min(SAMPLE_SIZE)
+    }
+}
+
+/// The tree. Leaf `i` of the surface is `nodes[leaves[i]]`.
+#[derive(Debug, Clone)]
+pub struct SphereTree {
+    /// Breadth-first: parents before children.
+    pub nodes: Vec<Node>,
+    /// Node index of every leaf, in leaf order: the order of the point ranges.
+    pub leaves: Vec<u32>,
+}
+
+impl SphereTree {
+    /// Builds the tree with exactly `leaf_count` leaves, and returns it with the tree order: `order[k]` is the caller's index
+    /// of the `k`-th point. `gaps[i]` is half the distance from point `i` to the farthest of its close neighbours, m.
+    ///
+    /// `leaf_count` must be between 1 and the number of points; the caller checks.
+    pub(crate) fn build(points: &[Vec3], normals: &[Vec3], areas: &[Real], gaps: &[Real], leaf_count: usize) -> (Self, Vec<u32>) {
+        let mut order: Vec<u32> = (0..points.len() as u32).collect();
+        let mut nodes = vec![Node::unplaced(0, points.len(), 0, leaf_count, 0, 0)];
+        let mut next = 0;
+        // Breadth-first: the vector is its own queue.
+        while next < nodes.len() {
+            let node = &nodes[next];
+            if node.leaf_count > 1 {
+                let (first, quota) = (node.first_point as usize, node.leaf_count as usize);
+                let (level, first_leaf) = (node.level + 1, node.first_leaf as usize);
+                let count = node.point_count as usize;
+                let (left_points, left_leaves) = cut(points, normals, &mut order[first..first + count], quota);
+                let child = nodes.len() as u32;
+                nodes[next].children = Some([child, child + 1]);
+                nodes.push(Node::unplaced(first, left_points, first_leaf, left_leaves, next as u32, level));
+                nodes.push(Node::unplaced(
+                    first + left_points,
+                    count - left_points,
+                    first_leaf + left_leaves,
+                    quota - left_leaves,
+                    next as u32,
+                    level,
+                ));
+            }
+            next += 1;
+        }
+        let mut leaves = vec![0; leaf_count];
+        for index in (0..nodes.len()).rev() {
+            let range = &order[nodes[index].points()];
+            let area: Real = range.iter().map(|&i| areas[i as usize]).sum();
+            let weighted = |f: &dyn Fn(usize) -> Vec3| range.iter().map(|&i| f(i as usize) * areas[i as usize]).sum::<Vec3>() / area;
+            let center = weighted(&|i| points[i]);
+            // Bounding the points themselves is tighter than bounding the children's spheres.
+            let radius = range.iter().map(|&i| (points[i as usize] - center).norm() + gaps[i as usize]).fold(0.0, Real::max);
+            let mean_normal = weighted(&|i| normals[i]);
+            let node = &mut nodes[index];
+            (node.center, node.radius, node.area, node.mean_normal) = (center, radius, area, mean_normal);
+            if node.children.is_none() {
+                leaves[node.first_leaf as usize] = index as u32;
+            }
+        }
+        let mut tree = Self { nodes, leaves };
+        tree.choose_representatives();
+        (tree, order)
+    }
+
+    fn choose_representatives(&mut self) {
+        for index in 0..self.nodes.len() {
+            let node = &self.nodes[index];
+            let distance2 = |leaf: u32| (self.leaf(leaf as usize).center - node.center).norm_squared();
+            let nearest = (node.first_leaf..node.first_leaf + node.leaf_count).min_by(|&a, &b| distance2(a).total_cmp(&distance2(b)));
+            self.nodes[index].representative = nearest.unwrap_or(node.first_leaf);
+        }
+    }
+
+    /// The node of a leaf.
+    pub fn leaf(&self, leaf: usize) -> &Node {
+        &self.nodes[self.leaves[leaf] as usize]
+    }
+}
+
+impl Node {
+    fn unplaced(first_point: usize, point_count: usize, first_leaf: usize, leaf_count: usize, parent: u32, level: u32) -> Self {
+        Self {
+            center: Vec3::zeros(),
+            radius: 0.0,
+            children: None,
+            first_point: first_point as u32,
+            point_count: point_count as u32,
+            first_leaf: first_leaf as u32,
+            leaf_count: leaf_count as u32,
+            parent,
+            level,
+            area: 0.0,
+            mean_normal: Vec3::zeros(),
+            representative: first_leaf as u32,
+        }
+    }
+}
+
+/// Re-orders `order` so that its first part belongs to the left child; returns (points, leaves) of the left child.
+fn cut(points: &[Vec3], normals: &[Vec3], order: &mut [u32], quota: usize) -> (usize, usize) {
+    let count = order.len();
+    if quota <= NORMAL_CUT_LEAVES
+        && let Some(left_points) = cut_by_normals(normals, order)
+    {
+        let left_leaves = (quota * left_points).div_ceil(count).clamp(1, quota - 1);
+        // Each side needs at least one point for each leaf it owes.
+        if left_points >= left_leaves && count - left_points >= quota - left_leaves {
+            return (left_points, left_leaves);
+        }
+    }
+    let left_leaves = quota / 2;
+    let left_points = (count * left_leaves / quota).clamp(left_leaves, count - (quota - left_leaves));
+    let axis = principal_axis(points, order);
+    let key = |&i: &u32| axis.dot(&points[i as usize]);
+    order.select_nth_unstable_by(left_points, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
+    (left_points, left_leaves)
+}
+
+/// Splits a bent set between its two groups of normals; `None` if it is not bent.
+fn cut_by_normals(normals: &[Vec3], order: &mut [u32]) -> Option<usize> {
+    let mean = order.iter().map(|&i| normals[i as usize]).sum::<Vec3>() / order.len() as Real;
+    if mean.norm() >= NORMAL_CUT_LENGTH {
+        return None;
+    }
+    let axis = principal_axis(normals, order);
+    let key = |i: u32| axis.dot(&normals[i as usize]);
+    let (low, high) = order.iter().fold((Real::INFINITY, Real::NEG_INFINITY), |(l, h), &i| (l.min(key(i)), h.max(key(i))));
+    let middle = 0.5 * (low + high);
+    order.sort_unstable_by(|&a, &b| (key(a) > middle).cmp(&(key(b) > middle)).then(a.cmp(&b)));
+    let left = order.iter().filter(|&&i| key(i) <= middle).count();
+    (left > 0 && left < order.len()).then_some(left)
+}
+
+/// The direction in which the chosen vectors spread most.
+fn principal_axis(vectors: &[Vec3], order: &[u32]) -> Vec3 {
+    let count = order.len() as Real;
+    let mean = order.iter().map(|&i| vectors[i as usize]).sum::<Vec3>() / count;
+    let mut scatter = Mat3::zeros();
+    for &i in order {
+        let d = vectors[i as usize] - mean;
+        scatter += d * d.transpose();
+    }
+    let eigen = scatter.symmetric_eigen();
+    eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned()
+}
+
+/// The smallest sphere around two spheres: (centre, radius).
+pub fn sphere_around(c1: &Vec3, r1: Real, c2: &Vec3, r2: Real) -> (Vec3, Real) {
+    let between = c2 - c1;
+    let distance = between.norm();
+    if distance + r2 <= r1 {
+        return (*c1, r1);
+    }
+    if distance + r1 <= r2 {
+        return (*c2, r2);
+    }
+    let radius = 0.5 * (distance + r1 + r2);
+    (c1 + between * ((radius - r1) / distance), radius)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn spiral(n: usize) -> (Vec<Vec3>, Vec<Real>) {
+        let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+        let points = (0..n)
+            .map(|i| {
+                let z = 1.0 - (2 * i + 1) as Real / n as Real;
+                let r = (1.0 - z * z).sqrt();
+                Vec3::new(r * (golden * i as Real).cos(), r * (golden * i as Real).sin(), z)
+            })
+            .collect();
+        (points, vec![4.0 * std::f64::consts::PI / n as Real; n])
+    }
+
+    #[test]
+    fn tree_has_the_wanted_leaves_of_even_area_and_parents_own_their_children() {
+        let (points, areas) = spiral(2400);
+        let gaps = vec![0.05; 2400];
+        let (tree, order) = SphereTree::build(&points, &points, &areas, &gaps, 320);
+        assert_eq!(tree.leaves.len(), 320);
+        let mut sorted = order.clone();
+        sorted.sort_unstable();
+        assert!(sorted.iter().enumerate().all(|(k, &i)| k as u32 == i), "order is a permutation");
+        for (index, node) in tree.nodes.iter().enumerate() {
+            let Some(children) = node.children else {
+                assert!((6..=9).contains(&node.point_count), "leaf of {} points", node.point_count);
+                continue;
+            };
+            let below: u32 = children.iter().map(|&c| tree.nodes[c as usize].point_count).sum();
+            assert_eq!(below, node.point_count);
+            assert!(children.iter().all(|&c| tree.nodes[c as usize].parent == index as u32 && c as usize > index));
+            for k in 0..node.sample_len() {
+                assert!(node.points().contains(&node.sample(k)));
+            }
+        }
+        assert!((tree.nodes[0].area - areas.iter().sum::<Real>()).abs() < 1e-12);
+    }
+
+    proptest! {
+        #[test]
+        fn sphere_around_two_spheres_holds_both(c1 in prop::array::uniform3(-1.0..1.0f64), c2 in prop::array::uniform3(-1.0..1.0f64), r1 in 0.0..1.0f64, r2 in 0.0..1.0f64) {
+            let (c1, c2) = (Vec3::from(c1), Vec3::from(c2));
+            let (c, r) = sphere_around(&c1, r1, &c2, r2);
+            prop_assert!((c - c1).norm() + r1 <= r + 1e-12);
+            prop_assert!((c - c2).norm() + r2 <= r + 1e-12);
+            prop_assert!(r <= 0.5 * ((c1 - c2).norm() + r1 + r2).max(2.0 * r1.max(r2)) + 1e-12);
+        }
+    }
+}

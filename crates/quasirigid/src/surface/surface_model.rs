@@ -1,0 +1,217 @@
+//! A surface made ready for contact: points in tree order, sphere tree, neighbours of every leaf, control points, interpolation.
+
+use crate::error::{Error, Result};
+use crate::math::{Pose, Real, Vec3};
+use crate::surface::control_points::{ControlPoints, MAX_WEIGHTS, Weights};
+use crate::surface::moving_least_squares::Kernel;
+use crate::surface::neighbours::NeighbourGrid;
+use crate::surface::point_surface::PointSurface;
+use crate::surface::sphere_tree::SphereTree;
+use std::ops::Range;
+
+/// Points of a leaf when the number of control points is not given: the paper's 36,000 / 4,800.
+pub const POINTS_PER_LEAF: Real = 7.5;
+
+/// Neighbours of a point that must be reached without a hole between the spheres.
+const CLOSE_NEIGHBOURS: usize = 8;
+
+/// Rows of variable length, stored flat: row `i` is `index[offsets[i]..offsets[i + 1]]`.
+#[derive(Debug, Clone, Default)]
+pub struct Rows {
+    /// One more than rows.
+    pub offsets: Vec<u32>,
+    /// Entries of all rows.
+    pub index: Vec<u32>,
+}
+
+impl Rows {
+    /// Row `i`.
+    pub fn row(&self, i: usize) -> &[u32] {
+        &self.index[self.range(i)]
+    }
+
+    /// Where row `i` lies in `index`.
+    pub fn range(&self, i: usize) -> Range<usize> {
+        self.offsets[i] as usize..self.offsets[i + 1] as usize
+    }
+
+    /// Adds one row.
+    pub fn push_row(&mut self, row: impl IntoIterator<Item = u32>) {
+        if self.offsets.is_empty() {
+            self.offsets.push(0);
+        }
+        self.index.extend(row);
+        self.offsets.push(self.index.len() as u32);
+    }
+}
+
+/// A point surface prepared for contact. Never changes: what moves and deforms is in [`crate::body::Skin`].
+#[derive(Debug, Clone)]
+pub struct Surface {
+    /// Positions, body frame, m, in tree order.
+    pub points: Vec<Vec3>,
+    /// Outward unit normals, in tree order.
+    pub normals: Vec<Vec3>,
+    /// Areas, m^2, in tree order.
+    pub areas: Vec<Real>,
+    /// `order[k]` is the caller's index of the `k`-th point in tree order.
+    pub order: Vec<u32>,
+    /// Mean spacing of the points, sqrt(area / count), m.
+    pub spacing: Real,
+    /// Weight function of the implicit surface.
+    pub kernel: Kernel,
+    /// The sphere tree.
+    pub tree: SphereTree,
+    /// Half the distance to the farthest close neighbour, largest over the leaf's points, m.
+    pub leaf_gaps: Vec<Real>,
+    /// For each leaf the other leaves whose points reach into its border (`r_eps` of Klein and Zachmann: the kernel's cutoff).
+    pub leaf_neighbours: Rows,
+    /// The control points.
+    pub control: ControlPoints,
+    /// For each point, in tree order, the control points that move it ...
+    pub interpolation: Rows,
+    /// ... and their weights, adding up to 1 for each point.
+    pub interpolation_weights: Vec<f32>,
+}
+
+impl Surface {
+    /// Prepares a surface.
+    ///
+    /// `control_points`: how many leaves, hence control points; `None` takes one for every 7.5 points as in the paper.
+    ///
+    /// # Errors
+    /// [`Error::InvalidValue`] when there would be none, or fewer than two points for each.
+    pub fn build(surface: PointSurface, control_points: Option<usize>) -> Result<Self> {
+        let count = surface.len();
+        let leaf_count = control_points.unwrap_or_else(|| ((count as Real / POINTS_PER_LEAF).round() as usize).max(1));
+        if leaf_count == 0 || leaf_count * 2 > count {
+            return Err(Error::value(
+                "control_points",
+                format!("between 1 and {} (half the {count} points)", count / 2),
+                leaf_count,
+                "sample more points, or ask for fewer control points",
+            ));
+        }
+        let spacing = surface.spacing();
+        let kernel = Kernel::for_spacing(spacing)?;
+        let gaps = neighbour_gaps(surface.points(), spacing);
+        let (tree, order) = SphereTree::build(surface.points(), surface.normals(), surface.areas(), &gaps, leaf_count);
+        let pick = |values: &[Vec3]| order.iter().map(|&i| values[i as usize]).collect::<Vec<_>>();
+        let (points, normals) = (pick(surface.points()), pick(surface.normals()));
+        let areas = order.iter().map(|&i| surface.areas()[i as usize]).collect();
+        let leaf_gaps: Vec<Real> =
+            (0..leaf_count).map(|l| tree.leaf(l).points().map(|k| gaps[order[k] as usize]).fold(0.0, Real::max)).collect();
+        let leaf_neighbours = neighbours_of_leaves(&tree, kernel.cutoff());
+        let border = |leaf: usize, ranges: &mut Vec<Range<u32>>| {
+            for &l in std::iter::once(&(leaf as u32)).chain(leaf_neighbours.row(leaf)) {
+                let node = tree.leaf(l as usize);
+                ranges.push(node.first_point..node.first_point + node.point_count);
+            }
+        };
+        let control = ControlPoints::build(&tree, &points, &normals, &kernel, border);
+        let (interpolation, interpolation_weights) = interpolate(&tree, &points, &normals, &control, &leaf_neighbours);
+        Ok(Self {
+            points,
+            normals,
+            areas,
+            order,
+            spacing,
+            kernel,
+            tree,
+            leaf_gaps,
+            leaf_neighbours,
+            control,
+            interpolation,
+            interpolation_weights,
+        })
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Whether there are no points. Never true of a built surface.
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    /// Sum of the areas, m^2.
+    pub fn total_area(&self) -> Real {
+        self.tree.nodes[0].area
+    }
+
+    /// Weights of the control points around `x` (body frame) near leaf `leaf`, eq. 8.
+    pub fn control_weights(&self, x: &Vec3, normal: &Vec3, leaf: usize) -> Weights {
+        self.control.weights(x, normal, leaf as u32, self.leaf_neighbours.row(leaf))
+    }
+
+    /// The values, one for each point in tree order, in the caller's order.
+    pub fn in_callers_order<T: Copy + Default>(&self, values: &[T]) -> Vec<T> {
+        let mut out = vec![T::default(); values.len()];
+        for (k, &i) in self.order.iter().enumerate() {
+            out[i as usize] = values[k];
+        }
+        out
+    }
+}
+
+impl PointSurface {
+    /// The surface turned and moved by `pose`.
+    ///
+    /// # Errors
+    /// [`Error::InvalidValue`] if the pose is not finite.
+    pub fn transformed(self, pose: &Pose) -> Result<Self> {
+        let (mut points, mut normals, areas) = self.into_parts();
+        points.iter_mut().for_each(|p| *p = pose.rotation * *p + pose.translation.vector);
+        normals.iter_mut().for_each(|n| *n = pose.rotation * *n);
+        Self::new(points, normals, areas)
+    }
+}
+
+/// Half the distance from each point to the farthest of its close neighbours, m.
+fn neighbour_gaps(points: &[Vec3], spacing: Real) -> Vec<Real> {
+    let grid = NeighbourGrid::build(points, 2.0 * spacing);
+    let mut found = Vec::new();
+    points
+        .iter()
+        .map(|p| {
+            grid.k_nearest(p, CLOSE_NEIGHBOURS + 1, &mut found);
+            0.5 * found.last().map_or(0.0, |&(_, distance2): &(u32, Real)| distance2.sqrt())
+        })
+        .collect()
+}
+
+/// Leaves whose spheres come within `reach` of each leaf's sphere.
+fn neighbours_of_leaves(tree: &SphereTree, reach: Real) -> Rows {
+    let centers: Vec<Vec3> = tree.leaves.iter().map(|&n| tree.nodes[n as usize].center).collect();
+    let largest = tree.leaves.iter().map(|&n| tree.nodes[n as usize].radius).fold(0.0, Real::max);
+    let grid = NeighbourGrid::build(&centers, largest + 0.5 * reach);
+    let mut rows = Rows::default();
+    let mut row = Vec::new();
+    for leaf in 0..centers.len() {
+        let radius = tree.leaf(leaf).radius;
+        row.clear();
+        grid.for_each_within(&centers[leaf], radius + largest + reach, |other, distance2| {
+            if other as usize != leaf && distance2.sqrt() <= radius + tree.leaf(other as usize).radius + reach {
+                row.push(other);
+            }
+        });
+        row.sort_unstable();
+        rows.push_row(row.iter().copied());
+    }
+    rows
+}
+
+fn interpolate(tree: &SphereTree, points: &[Vec3], normals: &[Vec3], control: &ControlPoints, neighbours: &Rows) -> (Rows, Vec<f32>) {
+    let mut rows = Rows::default();
+    let mut weights = Vec::with_capacity(points.len() * MAX_WEIGHTS / 2);
+    for leaf in 0..tree.leaves.len() {
+        for k in tree.leaf(leaf).points() {
+            let w = control.weights(&points[k], &normals[k], leaf as u32, neighbours.row(leaf));
+            rows.push_row(w.iter().map(|(c, _)| c as u32));
+            weights.extend(w.iter().map(|(_, weight)| weight as f32));
+        }
+    }
+    (rows, weights)
+}

@@ -1,0 +1,387 @@
+//! The state of a simulation: bodies, hands, what pairs remember, parameters.
+
+use crate::body::{Body, BodyEntry, Finger, HandModel, Material, Motion, RigidBody, Skin};
+use crate::collision::{Contact, Pair};
+use crate::contact_problem::ContactProblem;
+use crate::error::{Error, Result};
+use crate::math::{Pose, Real, Vec3, pose_is_finite};
+use crate::params::Parameters;
+use crate::surface::Surface;
+use crate::workspace::Workspace;
+use std::sync::Arc;
+
+/// A body of one world. Stays valid until the body is removed; using it after that is an error, not another body.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct BodyHandle {
+    index: u32,
+    generation: u32,
+}
+
+/// A hand of one world.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct HandHandle {
+    index: u32,
+}
+
+/// A hand: fingers on a common base.
+#[derive(Debug, Clone)]
+pub struct Hand {
+    /// What it was built from.
+    pub model: HandModel,
+    /// Its fingers, in the model's order.
+    pub fingers: Vec<BodyHandle>,
+    /// Pose of the hand frame in the world at the end of the last step.
+    pub base: Pose,
+    target: Option<Pose>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Slot {
+    generation: u32,
+    dense: Option<u32>,
+}
+
+/// A simulation.
+#[derive(Debug)]
+pub struct World {
+    pub(crate) params: Parameters,
+    pub(crate) bodies: Vec<BodyEntry>,
+    pub(crate) pairs: Vec<Pair>,
+    pub(crate) hands: Vec<Option<Hand>>,
+    pub(crate) workspace: Workspace,
+    pub(crate) steps: u64,
+    pub(crate) pool: Option<rayon::ThreadPool>,
+    slots: Vec<Slot>,
+    start_time: Real,
+    start_steps: u64,
+}
+
+impl World {
+    /// An empty world.
+    ///
+    /// # Errors
+    /// [`Error::InvalidValue`] for a parameter out of range.
+    pub fn new(params: Parameters) -> Result<Self> {
+        params.check()?;
+        let pool = make_pool(params.threads)?;
+        Ok(Self {
+            params,
+            bodies: Vec::new(),
+            pairs: Vec::new(),
+            hands: Vec::new(),
+            workspace: Workspace::default(),
+            steps: 0,
+            pool,
+            slots: Vec::new(),
+            start_time: 0.0,
+            start_steps: 0,
+        })
+    }
+
+    /// The parameters.
+    pub fn parameters(&self) -> &Parameters {
+        &self.params
+    }
+
+    /// Replaces the parameters; they hold from the next step on.
+    ///
+    /// # Errors
+    /// As [`World::new`].
+    pub fn set_parameters(&mut self, params: Parameters) -> Result<()> {
+        params.check()?;
+        if params.threads != self.params.threads {
+            self.pool = make_pool(params.threads)?;
+        }
+        if params.dt != self.params.dt {
+            (self.start_time, self.start_steps) = (self.time(), self.steps);
+        }
+        self.params = params;
+        Ok(())
+    }
+
+    /// Simulated time, s.
+    pub fn time(&self) -> Real {
+        self.start_time + (self.steps - self.start_steps) as Real * self.params.dt
+    }
+
+    /// Steps taken.
+    pub fn steps(&self) -> u64 {
+        self.steps
+    }
+
+    /// Adds a rigid body, with a surface if it is to touch anything.
+    pub fn add_body(&mut self, body: RigidBody, skin: Option<(Arc<Surface>, Material)>) -> BodyHandle {
+        let skin = skin.map(|(surface, material)| Skin::new(surface, material));
+        self.add_entry(BodyEntry { body: Body::Rigid(body), skin, skin_link: 0, hand: None, quarantined: false })
+    }
+
+    /// Adds a hand with its base at `base`; every fingertip gets the pad `surface` (pad frame) of `material`.
+    ///
+    /// # Errors
+    /// [`Error::InvalidValue`] for a pose that is not finite; whatever the finger's constructor refuses.
+    pub fn add_hand(
+        &mut self,
+        model: &HandModel,
+        base: Pose,
+        motion: Motion,
+        surface: &crate::surface::PointSurface,
+        control_points: Option<usize>,
+        material: &Material,
+    ) -> Result<HandHandle> {
+        check_pose("base pose", &base)?;
+        let handle = HandHandle { index: self.hands.len() as u32 };
+        let mut fingers = Vec::with_capacity(model.fingers().len());
+        for (finger, tip) in model.instantiate(base, motion)?.into_iter().zip(model.tips()) {
+            let link = finger.model().dof() - 1;
+            let pad = Arc::new(Surface::build(surface.clone().transformed(&tip.pose)?, control_points)?);
+            let skin = Some(Skin::new(pad, material.clone()));
+            let entry = BodyEntry { body: Body::Finger(finger), skin, skin_link: link, hand: Some(handle.index), quarantined: false };
+            fingers.push(self.add_entry(entry));
+        }
+        self.hands.push(Some(Hand { model: model.clone(), fingers, base, target: None }));
+        Ok(handle)
+    }
+
+    /// Takes a body out.
+    ///
+    /// # Errors
+    /// [`Error::InvalidHandle`] if it is gone already, or is a finger: those go with their hand.
+    pub fn remove_body(&mut self, handle: BodyHandle) -> Result<()> {
+        if self.entry(handle)?.hand.is_some() {
+            return Err(Error::handle("remove_body", "a body that is not part of a hand", "a finger", "remove the hand"));
+        }
+        self.remove_entry(handle)
+    }
+
+    /// Takes a hand out, with its fingers.
+    ///
+    /// # Errors
+    /// [`Error::InvalidHandle`] if it is gone already.
+    pub fn remove_hand(&mut self, handle: HandHandle) -> Result<()> {
+        let fingers = self.hand(handle)?.fingers.clone();
+        for finger in fingers {
+            self.remove_entry(finger)?;
+        }
+        self.hands[handle.index as usize] = None;
+        Ok(())
+    }
+
+    /// A body as it is now.
+    ///
+    /// # Errors
+    /// [`Error::InvalidHandle`] if it was removed.
+    pub fn entry(&self, handle: BodyHandle) -> Result<&BodyEntry> {
+        Ok(&self.bodies[self.dense(handle)?])
+    }
+
+    /// A rigid body.
+    ///
+    /// # Errors
+    /// [`Error::InvalidHandle`] if it was removed or is a finger.
+    pub fn body(&self, handle: BodyHandle) -> Result<&RigidBody> {
+        match &self.entry(handle)?.body {
+            Body::Rigid(body) => Ok(body),
+            Body::Finger(_) => Err(Error::handle("body", "a rigid body", "a finger", "use finger()")),
+        }
+    }
+
+    /// A rigid body, to push, drive or move it.
+    ///
+    /// # Errors
+    /// As [`World::body`].
+    pub fn body_mut(&mut self, handle: BodyHandle) -> Result<&mut RigidBody> {
+        let dense = self.dense(handle)?;
+        match &mut self.bodies[dense].body {
+            Body::Rigid(body) => Ok(body),
+            Body::Finger(_) => Err(Error::handle("body", "a rigid body", "a finger", "use finger_mut()")),
+        }
+    }
+
+    /// A hand.
+    ///
+    /// # Errors
+    /// [`Error::InvalidHandle`] if it was removed.
+    pub fn hand(&self, handle: HandHandle) -> Result<&Hand> {
+        let hand = self.hands.get(handle.index as usize).and_then(Option::as_ref);
+        hand.ok_or_else(|| Error::handle("hand", "a hand of this world", format!("{handle:?}"), "it was removed, or belongs to another world"))
+    }
+
+    /// Finger `index` of a hand.
+    ///
+    /// # Errors
+    /// [`Error::InvalidHandle`] for a hand that was removed, [`Error::InvalidValue`] for a finger that it does not have.
+    pub fn finger(&self, handle: HandHandle, index: usize) -> Result<&Finger> {
+        let body = self.finger_handle(handle, index)?;
+        match &self.entry(body)?.body {
+            Body::Finger(finger) => Ok(finger),
+            Body::Rigid(_) => Err(Error::handle("finger", "a finger", "a rigid body", "use body()")),
+        }
+    }
+
+    /// Finger `index` of a hand, to set its targets.
+    ///
+    /// # Errors
+    /// As [`World::finger`].
+    pub fn finger_mut(&mut self, handle: HandHandle, index: usize) -> Result<&mut Finger> {
+        let body = self.finger_handle(handle, index)?;
+        let dense = self.dense(body)?;
+        match &mut self.bodies[dense].body {
+            Body::Finger(finger) => Ok(finger),
+            Body::Rigid(_) => Err(Error::handle("finger", "a finger", "a rigid body", "use body_mut()")),
+        }
+    }
+
+    /// Handle of the body that is finger `index` of a hand.
+    ///
+    /// # Errors
+    /// As [`World::finger`].
+    pub fn finger_handle(&self, handle: HandHandle, index: usize) -> Result<BodyHandle> {
+        let fingers = &self.hand(handle)?.fingers;
+        fingers.get(index).copied().ok_or_else(|| {
+            Error::value("finger", format!("an index below {}", fingers.len()), index, "fingers are counted from 0")
+        })
+    }
+
+    /// Moves the base of a hand to `target` during the next step. What it holds moves with it by friction alone.
+    ///
+    /// # Errors
+    /// [`Error::InvalidHandle`] for a hand that was removed, [`Error::InvalidValue`] for a pose that is not finite.
+    pub fn move_hand_to(&mut self, handle: HandHandle, target: Pose) -> Result<()> {
+        check_pose("target pose", &target)?;
+        let fingers = self.hand(handle)?.fingers.clone();
+        for index in 0..fingers.len() {
+            self.finger_mut(handle, index)?.move_base_to(target)?;
+        }
+        if let Some(hand) = &mut self.hands[handle.index as usize] {
+            hand.target = Some(target);
+        }
+        Ok(())
+    }
+
+    /// All bodies, in the order in which contacts and reports count them.
+    pub fn bodies(&self) -> &[BodyEntry] {
+        &self.bodies
+    }
+
+    /// Handle of the body at a place in [`World::bodies`].
+    pub fn handle_of(&self, dense: usize) -> BodyHandle {
+        let index = self.slots.iter().position(|slot| slot.dense == Some(dense as u32)).unwrap_or(usize::MAX);
+        BodyHandle { index: index as u32, generation: self.slots.get(index).map_or(0, |slot| slot.generation) }
+    }
+
+    /// Place of a body in [`World::bodies`].
+    ///
+    /// # Errors
+    /// [`Error::InvalidHandle`] if it was removed.
+    pub fn dense(&self, handle: BodyHandle) -> Result<usize> {
+        let slot = self.slots.get(handle.index as usize).filter(|slot| slot.generation == handle.generation);
+        slot.and_then(|slot| slot.dense).map(|dense| dense as usize).ok_or_else(|| {
+            Error::handle("body", "a body of this world", format!("{handle:?}"), "it was removed, or belongs to another world")
+        })
+    }
+
+    /// Contacts of the last step, ordered by pair and control point.
+    pub fn contacts(&self) -> &[Contact] {
+        &self.workspace.collision.contacts
+    }
+
+    /// The contact problem of the last step, with the reactions found.
+    pub fn contact_problem(&self) -> &ContactProblem {
+        &self.workspace.problem
+    }
+
+    /// Total contact force on a body in the last step, world axes, N.
+    ///
+    /// # Errors
+    /// [`Error::InvalidHandle`] if the body was removed.
+    pub fn contact_force_on(&self, handle: BodyHandle) -> Result<Vec3> {
+        let dense = self.dense(handle)? as u32;
+        let forces = self.contacts().iter().zip(&self.workspace.problem.reactions).map(|(contact, f)| {
+            let sign = Real::from(u8::from(contact.body_a == dense)) - Real::from(u8::from(contact.body_b == dense));
+            contact.frame * f * sign
+        });
+        Ok(forces.sum())
+    }
+
+    /// A number that is the same for two worlds exactly when all their poses, velocities, joints and elastic displacements are the same bits.
+    pub fn state_hash(&self) -> u64 {
+        let mut hash = Fnv(0xcbf2_9ce4_8422_2325);
+        for entry in &self.bodies {
+            entry.body.state().for_each_number(|x| hash.add(x));
+        }
+        for pair in &self.pairs {
+            for side in [&pair.side_a, &pair.side_b] {
+                for &c in &side.active {
+                    side.displacement[c as usize].iter().for_each(|&x| hash.add(x));
+                }
+            }
+        }
+        hash.0
+    }
+
+    fn add_entry(&mut self, entry: BodyEntry) -> BodyHandle {
+        let dense = Some(self.bodies.len() as u32);
+        self.bodies.push(entry);
+        if let Some(index) = self.slots.iter().position(|slot| slot.dense.is_none()) {
+            self.slots[index].dense = dense;
+            return BodyHandle { index: index as u32, generation: self.slots[index].generation };
+        }
+        self.slots.push(Slot { generation: 0, dense });
+        BodyHandle { index: self.slots.len() as u32 - 1, generation: 0 }
+    }
+
+    fn remove_entry(&mut self, handle: BodyHandle) -> Result<()> {
+        let gone = self.dense(handle)? as u32;
+        let slot = &mut self.slots[handle.index as usize];
+        (slot.dense, slot.generation) = (None, slot.generation + 1);
+        self.bodies.remove(gone as usize);
+        self.slots.iter_mut().filter_map(|slot| slot.dense.as_mut()).filter(|dense| **dense > gone).for_each(|dense| *dense -= 1);
+        self.pairs.retain(|pair| pair.a != gone && pair.b != gone);
+        for pair in &mut self.pairs {
+            pair.a -= u32::from(pair.a > gone);
+            pair.b -= u32::from(pair.b > gone);
+        }
+        // Contacts count bodies by place: those of the last step mean nothing now.
+        self.workspace = Workspace::default();
+        for entry in &mut self.bodies {
+            if let Some(skin) = &mut entry.skin {
+                skin.clear_displacement();
+            }
+        }
+        Ok(())
+    }
+
+    pub(crate) fn hands_arrived(&mut self) {
+        for hand in self.hands.iter_mut().flatten() {
+            if let Some(target) = hand.target.take() {
+                hand.base = target;
+            }
+        }
+    }
+}
+
+/// FNV-1a over the bits of numbers.
+struct Fnv(u64);
+
+impl Fnv {
+    fn add(&mut self, x: Real) {
+        for byte in x.to_bits().to_le_bytes() {
+            self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+        }
+    }
+}
+
+fn make_pool(threads: usize) -> Result<Option<rayon::ThreadPool>> {
+    if threads == 1 {
+        return Ok(None);
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    pool.map(Some).map_err(|error| Error::value("threads", "a number of threads that the system can start", error, "ask for fewer"))
+}
+
+fn check_pose(what: &str, pose: &Pose) -> Result<()> {
+    if pose_is_finite(pose) {
+        return Ok(());
+    }
+    Err(Error::value(what, "a finite position and quaternion", pose, "check what computed the pose"))
+}
