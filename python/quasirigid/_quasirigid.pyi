@@ -192,6 +192,9 @@ class HandModel:
     @property
     def upper_limits(self) -> FloatArray:
         """(fingers, joints) rad."""
+    @property
+    def pad_semi_axes(self) -> FloatArray:
+        """Semi-axes of the pads' ellipsoid: along the finger, across it, out of the pad, (3,) m."""
 
 @final
 class Body:
@@ -201,7 +204,7 @@ class Body:
     def name(self) -> str: ...
     @property
     def index(self) -> int:
-        """The number that ``Contacts.body_a`` and ``Contacts.body_b`` speak of."""
+        """The number that ``Contacts.body_a`` and ``Contacts.body_b`` speak of; it may change when a body is removed."""
     @property
     def mass(self) -> float:
         """kg; 0 for a fixed body."""
@@ -248,8 +251,6 @@ class Body:
         """Let go of the spring of ``set_drive``."""
     def deformed_points(self) -> FloatArray:
         """Points of the surface as deformed now, (n, 3) m, world."""
-    def deformed_normals(self) -> FloatArray:
-        """Normals of the deformed surface, (n, 3), world."""
     def displacements(self) -> FloatArray:
         """Elastic displacement ``u`` at the control points, (m, 3) m, body frame."""
 
@@ -291,41 +292,59 @@ class Hand:
     def joint_torques(self) -> FloatArray:
         """Motor torques of the last step, (fingers, joints) N m."""
     def tip_poses(self) -> tuple[FloatArray, FloatArray]:
-        """Pad frames (+z is the pad's outward direction): positions (fingers, 3) m and quaternions (fingers, 4), world."""
+        """Middle of each pad's undeformed surface, +z out of the pad: positions (fingers, 3) m and quaternions (fingers, 4), world."""
     def inverse_kinematics(self, finger: int, position: npt.ArrayLike, normal: npt.ArrayLike) -> FloatArray:
         """Joint positions (joints,) rad that bring the pad's apex of ``finger`` to ``position`` (3,) m with the pad facing
         ``normal`` (3,), both in the hand frame. Raises ``InvalidValueError`` where the finger cannot reach.
         """
     def deformed_points(self, finger: int) -> FloatArray:
         """Points of the fingertip as deformed now, (n, 3) m, world."""
-    def deformed_normals(self, finger: int) -> FloatArray:
-        """(n, 3), world."""
     def displacements(self, finger: int) -> FloatArray:
         """Elastic displacement ``u`` at the control points of the fingertip, (m, 3) m, frame of its link."""
-    def grip(self, *, squeeze: float = 2.0, speed: float = 0.05) -> Grip:
-        """A controller that closes this hand and squeezes with ``squeeze`` N on the thumb, half of it on each of the
-        fingers that oppose it. ``speed`` (m/s) is how fast the pads close.
+    def grip(
+        self,
+        starts: npt.ArrayLike,
+        directions: npt.ArrayLike,
+        *,
+        squeeze: float = 4.0,
+        shares: npt.ArrayLike | None = None,
+    ) -> Grip:
+        """A controller that closes this hand; its joints are put at once where the pads start.
+
+        ``starts`` (fingers, 3) m: where the middle of each pad's surface begins; ``directions`` (fingers, 3): which way it
+        closes and faces; both in the hand frame. ``squeeze`` N is what a pad with a share of 1 presses with;
+        ``shares`` (fingers,) are by default 1 over the number of pads that close the same way, so that a thumb presses
+        with the whole squeeze and two fingers that oppose it with half of it each.
+
+        Raises ``InvalidValueError`` for a start that a finger cannot reach.
         """
 
-GripState = Literal["closing", "squeezing", "holding", "opening"]
+GripState = Literal["closing", "squeezing", "holding", "opening", "open", "missed"]
 
 @final
 class Grip:
     """Closes a hand on whatever is between its fingers. Made by ``Hand.grip``."""
 
     @property
-    def state(self) -> GripState: ...
+    def state(self) -> GripState:
+        """``"closing"`` until all pads touch, ``"squeezing"`` until every force has settled, then ``"holding"``: the joint
+        targets are frozen. ``"missed"`` after 60 mm of travel without a touch; ``"opening"`` and ``"open"`` on the way back.
+        """
     @property
     def squeeze(self) -> float:
-        """The force asked for, N. Settable."""
+        """The force asked for, N. Settable; a held object is then squeezed anew."""
     @squeeze.setter
     def squeeze(self, value: float) -> None: ...
-    def update(self, world: World) -> None:
+    def forces(self) -> FloatArray:
+        """Force of each pad along its closing direction in the last step, (fingers,) N."""
+    def update(self) -> None:
         """Set the joint targets for the next step. Call once before every ``World.step()``."""
     def hold(self) -> None:
         """Freeze the joint targets: from here on friction alone holds the object."""
     def open(self) -> None:
-        """Let go."""
+        """Let go: the pads travel back to where they started."""
+    def close(self) -> None:
+        """Close again."""
 
 @final
 class ContactStatus:
@@ -344,7 +363,7 @@ class Contacts:
 
     @property
     def points(self) -> FloatArray:
-        """(n, 3) m, world."""
+        """(n, 3) m, world: the control point, where the reaction acts, at the start of the step."""
     @property
     def normals(self) -> FloatArray:
         """(n, 3) unit, world, from body b to body a: a positive normal force pushes body a along it."""
@@ -388,6 +407,9 @@ class StepReport:
     """What a step did, and how well."""
 
     @property
+    def time(self) -> float:
+        """Simulated time at the end of the step, s."""
+    @property
     def contacts(self) -> int:
         """Contacts in the problem, open ones included."""
     @property
@@ -399,7 +421,7 @@ class StepReport:
     @property
     def converged(self) -> bool: ...
     @property
-    def stop_reason(self) -> Literal["converged", "sweep-cap", "time-budget"]: ...
+    def stop_reason(self) -> Literal["converged", "sweep-cap", "time-budget", "non-finite"]: ...
     @property
     def stage_times(self) -> dict[str, float]:
         """Seconds per stage, keyed by ``STAGES``."""
@@ -409,6 +431,9 @@ class StepReport:
     @property
     def coarse(self) -> bool:
         """True if the traversal budget ran out, so that collision stopped at a coarser level of the sphere trees."""
+    @property
+    def ill_posed(self) -> int:
+        """Contacts left out because nothing can move or give there."""
     @property
     def quarantined(self) -> list[int]:
         """Indices of bodies that went non-finite, were rolled back and isolated in this step."""
@@ -478,7 +503,6 @@ class World:
         motion: Literal["inertial", "quasi-static"] = "inertial",
         points: int = 2400,
         control_points: int = 320,
-        name: str | None = None,
     ) -> Hand:
         """Add a hand and return its handle. ``None``: the built-in three-finger hand with pads of ``fingertip_pulp``.
         ``points`` and ``control_points`` are per fingertip.

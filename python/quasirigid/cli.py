@@ -120,7 +120,7 @@ def grasp(
     squeeze: Annotated[
         float | None,
         typer.Option(
-            metavar="NEWTON", help="Force of the thumb. Default: 5, and more for a heavy object from a file.", rich_help_panel=PHYSICS
+            metavar="NEWTON", help="Force of the thumb. Default: 4, and more for a heavy object from a file.", rich_help_panel=PHYSICS
         ),
     ] = None,
     compliance: Annotated[

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from quasirigid._quasirigid import STAGES, Hand, HandModel, MassProperties, Material, Surface, World, __version__
+from quasirigid._quasirigid import STAGES, Grip, Hand, HandModel, MassProperties, Material, Surface, World, __version__
 from quasirigid._quasirigid import Body as RigidBody
 from quasirigid.errors import InvalidValueError, SurfaceWarning
 from quasirigid.grasp_columns import columns, contact_rows
@@ -32,14 +32,15 @@ from quasirigid.summary import PHASES, FloatArray, conjugate, rotate, summarise
 BOX_SIZE = (0.06, 0.06, 0.08)
 BOX_POINTS, BOX_CONTROL_POINTS = 36_000, 4_800
 BOX_MASS = 0.2
-BOX_SQUEEZE = 5.0
-FINGER_SPACING = 0.025
+BOX_SQUEEZE = 4.0
+FINGER_SPACING = 0.024
 """Distance of the two fingers' pads, along the hand's y, m."""
 PAD_DEPTH = 0.085
 """How far below the palm the pads meet the object, m."""
 OPENINGS = (0.012, 0.008, 0.005, 0.003)
 """Clearances (m) between a pad and the object before closing; the widest that the fingers reach is taken."""
-SUPPORT_SIDE, SUPPORT_POINTS = 0.4, 4_000
+PEDESTAL = (0.03, 0.03, 0.01)
+TABLE = 0.4
 SUPPORT_DROP = 0.08
 LIFT = 0.05
 SHAKE, SHAKE_FREQUENCY = 0.005, 3.0
@@ -155,8 +156,12 @@ class Grasp:
         self.taken = take_box(options) if options.object is None else take_file(options, self.friction, stuff.density)
 
         self.world = World(dt=options.dt, gravity=(0.0, 0.0, -GRAVITY), threads=options.threads)
-        table = Surface.half_space(SUPPORT_SIDE, points=SUPPORT_POINTS)
-        self.support = self.world.add_body(table, stuff, motion="fixed", name="support")
+        # A flat box stands on a small pedestal, whatever else on a table.
+        flat = options.object is None
+        support = Surface.box(PEDESTAL, points=2_000) if flat else Surface.half_space(TABLE, points=4_000)
+        self._support_top = np.array([0.0, 0.0, -PEDESTAL[2] / 2 if flat else 0.0])
+        rubber = Material.preset("rubber")
+        self.support = self.world.add_body(support, rubber, motion="fixed", position=self._support_top, name="support")
         start = np.array([0.0, 0.0, -self.taken.lowest])
         self.object = self.world.add_body(
             self.taken.surface, stuff, mass=self.taken.mass, motion=options.object_motion, position=start, name=self.taken.name
@@ -166,26 +171,23 @@ class Grasp:
         self.turn = quaternion_of(self.taken.hand)
         model = HandModel.three_finger()
         self.hand = self.world.add_hand(model, position=self.palm, quaternion=self.turn, material=pad, motion=options.object_motion)
-        self.hand.joint_positions = self.hand.joint_targets = self._open_joints()
-        self.grip = self.hand.grip(squeeze=self.taken.squeeze)
+        self.grip = self._open_grip()
         self.fingers = tuple(self.hand.finger_names)
         self._finger_of = {body: finger for finger, body in enumerate(self.hand.body_indices)}
         self._start_in_hand: FloatArray | None = None
 
-    def _open_joints(self) -> FloatArray:
-        """Joint positions with every pad clear of the object by as much as its finger can open."""
-        spread = self.hand.joint_positions
-        places = [(-1.0, 0.0), (1.0, -FINGER_SPACING / 2), (1.0, FINGER_SPACING / 2)]
+    def _open_grip(self) -> Grip:
+        """A grip with every pad clear of the object by as much as its finger can open."""
+        sides = np.array([-1.0, 1.0, 1.0])
+        across = np.array([0.0, FINGER_SPACING / 2, -FINGER_SPACING / 2])
+        directions = np.outer(-sides, [1.0, 0.0, 0.0])
         error: InvalidValueError | None = None
         for clearance in OPENINGS:
+            starts = np.column_stack([sides * (self.taken.width / 2 + clearance), across, np.full(3, -PAD_DEPTH)])
             try:
-                for finger, (side, y) in enumerate(places):
-                    x = side * (self.taken.width / 2 + clearance)
-                    spread[finger] = self.hand.inverse_kinematics(finger, (x, y, -PAD_DEPTH), (-side, 0.0, 0.0))
+                return self.hand.grip(starts, directions, squeeze=self.taken.squeeze)
             except InvalidValueError as out_of_reach:
                 error = out_of_reach
-            else:
-                return spread
         assert error is not None
         raise error
 
@@ -193,7 +195,7 @@ class Grasp:
         """Run all phases and record every step."""
         dt = self.options.dt
         script: list[tuple[str, float, Callable[[float], None]]] = [
-            ("close", CLOSE_AT_MOST, _nothing),
+            ("close", DURATIONS["close"], _nothing),
             ("squeeze", DURATIONS["squeeze"], _nothing),
             ("support away", DURATIONS["support away"], self._lower_support),
             ("hold", self.options.hold, _nothing),
@@ -203,8 +205,8 @@ class Grasp:
             ("put down", DURATIONS["put down"], self._put_down),
             ("release", DURATIONS["release"], _nothing),
         ]
-        # Closing ends when the fingers touch; a quarter of the time allowed is a fair guess for the bar.
-        total = sum(duration for _, duration, _ in script) - 0.75 * CLOSE_AT_MOST
+        # Closing ends when the fingers touch, squeezing when the forces have settled: a quarter of the time allowed is a fair guess.
+        total = sum(duration if name not in CLOSING else duration / 4 for name, duration, _ in script)
         done, told = 0.0, 0.0
         for name, duration, move in script:
             steps = max(1, round(duration / dt))
@@ -222,15 +224,15 @@ class Grasp:
                 if progress is not None and now - told > 0.05:
                     told = now
                     progress(name, min(1.0, (done + (k + 1) * dt) / total))
-                if name == "close" and self.grip.state != "closing":
+                if name in CLOSING and self.grip.state != CLOSING[name]:
                     break
                 if self._dropped():
                     self._fall(recorder)
                     return
-            if name == "close" and self.grip.state == "closing":
+            if name == "close" and self.grip.state in ("closing", "missed"):
                 self._fall(recorder)  # closed on nothing
                 return
-            done += duration if name != "close" else 0.25 * CLOSE_AT_MOST
+            done += duration if name not in CLOSING else duration / 4
         if progress is not None:
             progress("release", 1.0)
 
@@ -239,7 +241,7 @@ class Grasp:
             self._step("fall", recorder)
 
     def _lower_support(self, s: float) -> None:
-        self.support.move_to((0.0, 0.0, -SUPPORT_DROP * minimum_jerk(s)))
+        self.support.move_to(self._support_top - [0.0, 0.0, SUPPORT_DROP * minimum_jerk(s)])
 
     def _lift(self, s: float) -> None:
         self.hand.move_to(self.palm + np.array([0.0, 0.0, LIFT * minimum_jerk(s)]), self.turn)
@@ -251,7 +253,7 @@ class Grasp:
 
     def _put_down(self, s: float) -> None:
         """The support comes back in the first third, then the hand goes down."""
-        self.support.move_to((0.0, 0.0, -SUPPORT_DROP * (1.0 - minimum_jerk(3.0 * s))))
+        self.support.move_to(self._support_top - [0.0, 0.0, SUPPORT_DROP * (1.0 - minimum_jerk(3.0 * s))])
         self.hand.move_to(self.palm + np.array([0.0, 0.0, LIFT * (1.0 - minimum_jerk(1.5 * s - 0.5))]), self.turn)
 
     def _object_in_hand(self) -> FloatArray:
@@ -263,7 +265,7 @@ class Grasp:
         return bool(np.linalg.norm(self._object_in_hand() - self._start_in_hand) > DROPPED_AT)
 
     def _step(self, phase: str, recorder: Recorder) -> None:
-        self.grip.update(self.world)
+        self.grip.update()
         report = self.world.step()
         row: dict[str, Any] = {
             "time": self.world.time,

@@ -34,7 +34,7 @@ class GraspOptions:
     hold: float = 2.0
     """Length of the first hold, s."""
     squeeze: float | None = None
-    """Force of the thumb, N; each of the two fingers presses with half of it. Default 5 N, and for an object from a file
+    """Force of the thumb, N; each of the two fingers presses with half of it. Default 4 N, and for an object from a file
     three times what friction needs if that is more."""
     compliance: Literal["local", "half-space"] = "local"
     """``"local"`` (the paper's) or ``"half-space"``, of fingers and object."""
