@@ -27,6 +27,7 @@ fn main() -> quasirigid::Result<()> {
             scene.grip.forces(&scene.world)?,
             last.times.total(),
         );
+        println!("{:?}", last.times);
     }
     Ok(())
 }

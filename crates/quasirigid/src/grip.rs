@@ -78,7 +78,12 @@ impl Grip {
         check_positive("squeeze", squeeze, "N")?;
         let fingers = world.hand(hand)?.fingers.len();
         if paths.len() != fingers {
-            return Err(Error::shape("paths of the pads", format!("{fingers}, one for each finger"), paths.len(), "give one path for each finger"));
+            return Err(Error::shape(
+                "paths of the pads",
+                format!("{fingers}, one for each finger"),
+                paths.len(),
+                "give one path for each finger",
+            ));
         }
         let mut pads = Vec::with_capacity(fingers);
         for (finger, path) in paths.iter().enumerate() {

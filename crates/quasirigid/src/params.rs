@@ -17,6 +17,9 @@ pub struct Parameters {
     /// Sphere tests that collision may spend in a step. Default: no limit worth the name (10 million). When it is spent the traversal stops at the level it has
     /// reached and the report says `coarse`: patches are then made of fewer, larger contacts.
     pub traversal_budget: usize,
+    /// Sphere tests are done with this much more margin, m, and their result is kept until the two bodies have moved by it. Default 2e-4. Larger means
+    /// fewer traversals and more control points to look at in each step.
+    pub traversal_slack: Real,
     /// Projections on a surface stop when the distance left is below this, m. Default 1e-10.
     pub projection_tolerance: Real,
     /// Spheres are refitted after deformation up to this level of the tree, 0 being the root; nodes above are inflated by the largest displacement instead.
@@ -37,6 +40,7 @@ impl Default for Parameters {
             gravity: Vec3::new(0.0, 0.0, -9.81),
             contact_margin: 2e-4,
             traversal_budget: 10_000_000,
+            traversal_slack: 2e-4,
             projection_tolerance: 1e-10,
             refit_level: 6,
             deformation_threshold: 1e-7,
@@ -53,6 +57,7 @@ impl Parameters {
         check_positive("dt", self.dt, "s")?;
         check_finite("gravity", self.gravity.iter())?;
         check_non_negative("contact_margin", self.contact_margin, "m")?;
+        check_non_negative("traversal_slack", self.traversal_slack, "m")?;
         check_positive("projection_tolerance", self.projection_tolerance, "m")?;
         check_non_negative("deformation_threshold", self.deformation_threshold, "m")?;
         check_positive("tolerance", self.solver.tolerance, "-")?;

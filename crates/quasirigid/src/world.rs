@@ -203,7 +203,9 @@ impl World {
     /// [`Error::InvalidHandle`] if it was removed.
     pub fn hand(&self, handle: HandHandle) -> Result<&Hand> {
         let hand = self.hands.get(handle.index as usize).and_then(Option::as_ref);
-        hand.ok_or_else(|| Error::handle("hand", "a hand of this world", format!("{handle:?}"), "it was removed, or belongs to another world"))
+        hand.ok_or_else(|| {
+            Error::handle("hand", "a hand of this world", format!("{handle:?}"), "it was removed, or belongs to another world")
+        })
     }
 
     /// Finger `index` of a hand.
@@ -237,9 +239,10 @@ impl World {
     /// As [`World::finger`].
     pub fn finger_handle(&self, handle: HandHandle, index: usize) -> Result<BodyHandle> {
         let fingers = &self.hand(handle)?.fingers;
-        fingers.get(index).copied().ok_or_else(|| {
-            Error::value("finger", format!("an index below {}", fingers.len()), index, "fingers are counted from 0")
-        })
+        fingers
+            .get(index)
+            .copied()
+            .ok_or_else(|| Error::value("finger", format!("an index below {}", fingers.len()), index, "fingers are counted from 0"))
     }
 
     /// Moves the base of a hand to `target` during the next step. What it holds moves with it by friction alone.

@@ -1,7 +1,7 @@
 //! Kinematics and dynamics of a finger: link poses, Jacobians, mass matrix, bias torques.
 
-use super::finger::FingerModel;
-use crate::math::{MAX_DOF, Mat3, Mat3x6, Mat6, Pose, Real, Rot, Vec3, Vec6};
+use super::finger_model::FingerModel;
+use crate::math::{MAX_DOF, Mat3, Mat3x6, Mat6, Pose, Rot, Vec3, Vec6};
 use nalgebra::Unit;
 
 /// Link poses and joint axes of a finger in the world. Entries beyond the joints are identity and zero.
@@ -154,15 +154,11 @@ pub fn link_point(kinematics: &Kinematics, link: usize, local: &Vec3) -> Vec3 {
     kinematics.links[link].transform_point(&nalgebra::Point3::from(*local)).coords
 }
 
-/// Kinetic energy of the links (J), base at rest.
-pub fn kinetic_energy(model: &FingerModel, kinematics: &Kinematics, velocities: &Vec6) -> Real {
-    0.5 * velocities.dot(&(mass_matrix(model, kinematics) * velocities))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::body::{HandModel, JointModel};
+    use crate::math::Real;
     use proptest::prelude::*;
 
     fn model() -> FingerModel {

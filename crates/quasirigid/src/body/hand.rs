@@ -1,7 +1,8 @@
 //! Hands: fingers on one base, each with a soft pad at its tip. The built-in hand has a thumb and two fingers.
 
 use super::Motion;
-use super::finger::{Finger, FingerModel, JointModel};
+use super::finger::Finger;
+use super::finger_model::{FingerModel, JointModel};
 use super::mass_properties::{Amount, MassProperties};
 use super::rigid::check_pose;
 use crate::error::{Error, Result, check_positive};
@@ -47,10 +48,10 @@ const MIDDLE: Real = 0.028;
 const DISTAL: Real = 0.022;
 /// Radii of the phalanges, half of a finger's breadth at each.
 const RADII: [Real; 3] = [0.009, 0.008, 0.007];
-/// Knuckles beside the middle of the palm: a pinch of 80 mm and one of 10 mm are equally near to the fingers' straight posture.
+/// Knuckles beside the middle of the palm: things of 10 to 80 mm are all in reach of facing pads.
 const KNUCKLE_SIDE: Real = 0.040;
 /// Knuckles below the palm: puts objects at a depth of 70 to 95 mm within reach of bent fingers.
-const KNUCKLE_DEPTH: Real = 0.018;
+const KNUCKLE_DEPTH: Real = 0.017;
 /// Half the distance between the two fingers' centres, as of neighbouring human fingers.
 const FINGER_SPREAD: Real = 0.012;
 /// Soft tissue and bone together (kg/m^3).
@@ -79,12 +80,12 @@ struct Row {
 //
 // Gains: the pad should yield to a force across it by 1 to 3 kN/m. With lever arms of about 70, 40 and 12 mm from the three
 // flexion joints, 1 / (sum l^2 / K) = 1.6 kN/m; sideways the knuckle alone gives K / l^2 = 2.4 kN/m. Damping: critical,
-// D = 2 sqrt(K I), I the inertia of the finger beyond the joint (about 5e-5, 1.5e-5 and 2e-6 kg m^2) plus the armature.
+// D = 2 sqrt(K I), I the inertia of the finger beyond the joint (about 6e-5, 9e-6 and 1e-6 kg m^2) plus the armature.
 // Torque limits: more than 25 N at the pad, above what grasping hand-sized things takes.
 const ROWS: [Row; 4] = [
     Row { name: "abduction", limits: [-20.0, 20.0], stiffness: 12.0, damping: 0.07, torque_limit: 3.0 },
     Row { name: "proximal", limits: [-60.0, 90.0], stiffness: 12.0, damping: 0.07, torque_limit: 3.0 },
-    Row { name: "middle", limits: [0.0, 110.0], stiffness: 8.0, damping: 0.05, torque_limit: 2.0 },
+    Row { name: "middle", limits: [0.0, 110.0], stiffness: 8.0, damping: 0.045, torque_limit: 2.0 },
     Row { name: "distal", limits: [-45.0, 90.0], stiffness: 4.0, damping: 0.03, torque_limit: 1.0 },
 ];
 /// Inertia of a small geared motor at the joint (kg m^2); a modelling choice of the size of the finger's own.
@@ -116,7 +117,7 @@ impl HandModel {
     /// The built-in hand: a thumb and two fingers that oppose it, 4 joints each (abduction, proximal, middle, distal).
     ///
     /// Hand frame: origin in the palm. Fingers point along -z when straight (q = 0). The thumb (finger 0) stands at x = -40 mm,
-    /// y = 0 and faces +x; the fingers 1 and 2 at x = +40 mm, y = +12 and -12 mm, face -x. Knuckles 18 mm below the palm.
+    /// y = 0 and faces +x; the fingers 1 and 2 at x = +40 mm, y = +12 and -12 mm, face -x. Knuckles 17 mm below the palm.
     /// Positive flexion moves a pad towards the other side.
     ///
     /// # Errors
@@ -188,9 +189,9 @@ fn built_in_finger(name: &str, base: Pose) -> Result<FingerModel> {
     FingerModel::new(name, base, joints.collect())
 }
 
-/// A capsule that hangs from the joint along -z, `length` from end to end of its cylinder's ends less the overlap of the caps.
+/// A capsule that hangs from the joint along -z. `length`: from joint to joint.
 fn phalanx(length: Real, radius: Real) -> Result<MassProperties> {
-    // Caps end where the next phalanx begins: the cylinder is what is left of the length.
+    // Each cap reaches half a radius into the neighbouring phalanx: rounded ends without gaps between them.
     MassProperties::capsule(radius, length - radius, Amount::Density(FINGER_DENSITY))?.transformed(&Pose::translation(
         0.0,
         0.0,
@@ -238,7 +239,6 @@ mod tests {
     #[test]
     fn pads_face_each_other_at_all_widths_and_depths() {
         let hand = HandModel::three_finger().unwrap();
-        let mut worst: (Real, Real) = (0.0, 0.0);
         for width in (10..=80).step_by(5) {
             for depth in (70..=95).step_by(5) {
                 for (model, tip) in hand.fingers().iter().zip(hand.tips()) {
@@ -247,7 +247,6 @@ mod tests {
                     let position = Vec3::new(side * 0.5e-3 * width as Real, knuckle.y, -1e-3 * depth as Real);
                     let goal = TipGoal::facing(position, Vec3::x() * -side).unwrap();
                     let found = inverse_kinematics(model, &tip.apex(), &goal, &[0.0, 0.2, 0.4, 0.2], &IkOptions::default()).unwrap();
-                    worst = (worst.0.max(found.position_error), worst.1.max(found.angle_error));
                     assert!(
                         found.converged && found.position_error < 1e-4 && found.angle_error < 1e-3,
                         "{} width {width} mm, depth {depth} mm: {found:?}",
@@ -256,7 +255,6 @@ mod tests {
                 }
             }
         }
-        println!("worst position error {:e} m, angle error {:e} rad", worst.0, worst.1);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Joint positions that bring a fingertip where it should be: damped least squares within the joint limits.
 
-use super::finger::FingerModel;
 use super::finger_dynamics::{Kinematics, forward_kinematics};
+use super::finger_model::FingerModel;
 use super::rigid::check_pose;
 use crate::error::{Error, Result, check_finite, check_non_negative, check_positive};
 use crate::math::{MAX_DOF, Mat6, Pose, Real, Rot, Vec3, Vec6};

@@ -236,22 +236,14 @@ mod tests {
     fn shapes_have_the_inertia_of_their_grid() {
         let density = Amount::Density(1.0);
         let cases: [(&str, MassProperties, (Real, Mat3)); 5] = [
-            (
-                "box",
-                MassProperties::cuboid(Vec3::new(0.2, 0.4, 0.6), density).unwrap(),
-                by_grid(Vec3::new(0.1, 0.2, 0.3), |_| true),
-            ),
+            ("box", MassProperties::cuboid(Vec3::new(0.2, 0.4, 0.6), density).unwrap(), by_grid(Vec3::new(0.1, 0.2, 0.3), |_| true)),
             ("sphere", MassProperties::sphere(0.5, density).unwrap(), by_grid(Vec3::repeat(0.5), |p| p.norm() < 0.5)),
             (
                 "ellipsoid",
                 MassProperties::ellipsoid(Vec3::new(0.5, 0.3, 0.2), density).unwrap(),
                 by_grid(Vec3::new(0.5, 0.3, 0.2), |p| p.component_div(&Vec3::new(0.5, 0.3, 0.2)).norm() < 1.0),
             ),
-            (
-                "cylinder",
-                MassProperties::cylinder(0.3, 1.0, density).unwrap(),
-                by_grid(Vec3::new(0.3, 0.3, 0.5), |p| p.xy().norm() < 0.3),
-            ),
+            ("cylinder", MassProperties::cylinder(0.3, 1.0, density).unwrap(), by_grid(Vec3::new(0.3, 0.3, 0.5), |p| p.xy().norm() < 0.3)),
             (
                 "capsule",
                 MassProperties::capsule(0.3, 1.0, density).unwrap(),

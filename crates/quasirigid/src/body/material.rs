@@ -3,7 +3,7 @@
 use crate::error::{Error, Result, check_non_negative, check_positive};
 use crate::math::Real;
 
-/// How a surface yields under load. Which one suits is a choice per material; `design: compliance` has the operators.
+/// How a surface yields under load. Which one suits is a choice per material.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ComplianceModel {
     /// An elastic layer on a rigid core (the paper's model): every control point is a spring, and a share of its displacement

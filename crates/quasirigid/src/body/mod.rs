@@ -4,6 +4,7 @@ pub mod drive;
 pub mod entry;
 pub mod finger;
 pub mod finger_dynamics;
+pub mod finger_model;
 pub mod hand;
 pub mod inverse_kinematics;
 pub mod mass_properties;
@@ -13,7 +14,8 @@ pub mod skin;
 
 pub use drive::PoseDrive;
 pub use entry::BodyEntry;
-pub use finger::{Finger, FingerModel, FingerState, JointModel, JointStop};
+pub use finger::{Finger, FingerState, JointStop};
+pub use finger_model::{FingerModel, JointModel};
 pub use hand::{FingerTip, HandModel};
 pub use mass_properties::{Amount, MassProperties};
 pub use material::{ComplianceModel, Material, pair_friction};

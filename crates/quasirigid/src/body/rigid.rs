@@ -72,24 +72,9 @@ impl RigidBody {
 
     fn new(name: impl Into<String>, mass: MassProperties, mobility: Mobility, pose: Pose, viscosity: [Real; 2]) -> Result<Self> {
         check_pose("pose of the body", &pose)?;
-        let state = RigidState {
-            pose,
-            linear_velocity: Vec3::zeros(),
-            angular_momentum: Vec3::zeros(),
-            angular_velocity: Vec3::zeros(),
-        };
+        let state = RigidState { pose, linear_velocity: Vec3::zeros(), angular_momentum: Vec3::zeros(), angular_velocity: Vec3::zeros() };
         let (external_force, external_torque) = (Vec3::zeros(), Vec3::zeros());
-        Ok(Self {
-            name: name.into(),
-            mass,
-            mobility,
-            state,
-            viscosity,
-            external_force,
-            external_torque,
-            drive: None,
-            target_pose: None,
-        })
+        Ok(Self { name: name.into(), mass, mobility, state, viscosity, external_force, external_torque, drive: None, target_pose: None })
     }
 
     /// What the body is called.
@@ -149,8 +134,7 @@ impl RigidBody {
 
     /// Kinetic energy (J).
     pub fn kinetic_energy(&self) -> Real {
-        0.5 * self.mass.mass() * self.state.linear_velocity.norm_squared()
-            + 0.5 * self.state.angular_momentum.dot(&self.angular_velocity())
+        0.5 * self.mass.mass() * self.state.linear_velocity.norm_squared() + 0.5 * self.state.angular_momentum.dot(&self.angular_velocity())
     }
 
     /// Viscosity against the world: translation (N s/m), rotation (N m s/rad).

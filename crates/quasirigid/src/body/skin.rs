@@ -39,6 +39,8 @@ pub struct Skin {
     dirty_nodes: Vec<u32>,
     mark: u64,
     inflation: Real,
+    /// Sum over all steps of the farthest that any leaf's sphere moved or grew, m: what remembers where spheres were compares with this.
+    pub travel: Real,
 }
 
 impl Skin {
@@ -48,9 +50,7 @@ impl Skin {
             ComplianceModel::Local { foundation_modulus, width, share } => {
                 Compliance::Local(LocalCompliance::build(&surface.control, foundation_modulus, width, share))
             }
-            ComplianceModel::HalfSpace => {
-                Compliance::HalfSpace(HalfSpaceCompliance::new(material.young_modulus, material.poisson_ratio))
-            }
+            ComplianceModel::HalfSpace => Compliance::HalfSpace(HalfSpaceCompliance::new(material.young_modulus, material.poisson_ratio)),
         };
         let spheres = surface.tree.nodes.iter().map(|n| Sphere { center: n.center, radius: n.radius }).collect();
         let leaves = surface.tree.leaves.len();
@@ -67,6 +67,7 @@ impl Skin {
             dirty_nodes: Vec::with_capacity(surface.tree.nodes.len()),
             mark: 0,
             inflation: 0.0,
+            travel: 0.0,
             surface,
             material,
         }
@@ -114,6 +115,7 @@ impl Skin {
         }
         let largest = if largest2 > threshold2 { largest2.sqrt() } else { 0.0 };
         self.dirty_nodes.clear();
+        let mut farthest: Real = 0.0;
         // Leaves that were deformed a step ago and are not now go back to rest.
         for list in [0, 1] {
             let leaves = if list == 0 { &self.dirty_leaves } else { &self.was_dirty };
@@ -139,10 +141,13 @@ impl Skin {
                 for k in node.points() {
                     spread = spread.max((self.deformed[k] - center).norm());
                 }
-                self.spheres[index as usize] = Sphere { center, radius: spread + self.surface.leaf_gaps[leaf as usize] };
+                let radius = spread + self.surface.leaf_gaps[leaf as usize];
+                let before = std::mem::replace(&mut self.spheres[index as usize], Sphere { center, radius });
+                farthest = farthest.max((center - before.center).norm() + (radius - before.radius).max(0.0));
                 mark_up(&self.surface, index, self.mark, params.refit_level, &mut self.node_mark, &mut self.dirty_nodes);
             }
         }
+        self.travel += farthest;
         self.refit(largest, params.refit_level);
     }
 

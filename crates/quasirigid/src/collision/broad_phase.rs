@@ -14,7 +14,8 @@ pub(super) fn reach_of_bodies(bodies: &[BodyEntry], free: &[FreeMotion], reach: 
         let root = &skin.spheres[0];
         let center = pose * nalgebra::Point3::from(root.center);
         let at = |p: &Vec3| {
-            (entry.body.point_jacobian(entry.skin_link, p) * free.displacement + entry.body.prescribed_displacement(entry.skin_link, p)).norm()
+            (entry.body.point_jacobian(entry.skin_link, p) * free.displacement + entry.body.prescribed_displacement(entry.skin_link, p))
+                .norm()
         };
         // The displacement field is affine in the point: the centre's and that of four points around it bound it.
         let turned = [Vec3::x(), Vec3::y(), Vec3::z()].iter().map(|axis| at(&(center.coords + axis * root.radius))).fold(0.0, Real::max);

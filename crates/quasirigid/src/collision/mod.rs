@@ -10,6 +10,7 @@ mod projection;
 mod traversal;
 
 pub use pair::{Pair, PatchSide};
+pub use traversal::{Coupled, Coupling};
 
 use crate::body::BodyEntry;
 use crate::free_motion::FreeMotion;
@@ -65,12 +66,12 @@ pub fn collision(out: &mut Collision, bodies: &[BodyEntry], free: &[FreeMotion],
     broad_phase::near_bodies(bodies, &out.reach, params, &mut out.near);
     pair::match_pairs(pairs, &out.near, bodies);
     out.traversal.clear();
-    for (index, pair) in pairs.iter().enumerate().filter(|(_, pair)| pair.near) {
-        traversal::traverse(&mut out.traversal, index, pair, bodies, &out.reach, params);
+    for pair in pairs.iter_mut().filter(|pair| pair.near) {
+        traversal::traverse(&mut out.traversal, pair, bodies, &out.reach, params);
     }
     out.coarse = out.traversal.coarse;
     let traversed = Instant::now();
-    projection::project_control_points(&mut out.projection, &out.traversal, pairs, bodies, free, params, &mut out.contacts);
+    projection::project_control_points(&mut out.projection, pairs, bodies, free, params, &mut out.contacts);
     out.traverse_time = traversed - start;
     out.projection_time = traversed.elapsed();
 }

@@ -1,5 +1,6 @@
 //! What two bodies remember of their contact from step to step: reactions for the warm start, elastic displacement.
 
+use super::Coupling;
 use crate::body::BodyEntry;
 use crate::math::Vec3;
 
@@ -32,6 +33,8 @@ pub struct Pair {
     pub side_a: PatchSide,
     /// Elastic displacement of `b` under this pair's reactions.
     pub side_b: PatchSide,
+    /// Coupled nodes, found anew when the two have moved enough.
+    pub coupling: Coupling,
 }
 
 impl PatchSide {
@@ -83,6 +86,7 @@ pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[
                     loaded: Vec::with_capacity(count_a.min(512)),
                     side_a: PatchSide::new(count_a),
                     side_b: PatchSide::new(count_b),
+                    coupling: Coupling::default(),
                 };
                 pairs.insert(place, pair);
             }

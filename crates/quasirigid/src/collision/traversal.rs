@@ -7,20 +7,33 @@ use super::Pair;
 use crate::body::BodyEntry;
 use crate::math::{Mat3, Pose, Real, Vec3};
 use crate::params::Parameters;
+use nalgebra::Point3;
 
 /// A node of `a` and a node of `b` that overlap; both leaves unless the budget ran out.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Coupled {
-    pub pair: u32,
+pub struct Coupled {
     /// Control point of `a`: the leaf's, or the representative of an inner node.
     pub control_point: u32,
+    /// Node of `a`.
     pub node_a: u32,
+    /// Node of `b`.
     pub node_b: u32,
+}
+
+/// The coupled nodes of a pair, and how far the two may move before they have to be found again (temporal coherence, which the paper proposes in section 4).
+#[derive(Debug, Clone, Default)]
+pub struct Coupling {
+    /// Ordered by control point.
+    pub coupled: Vec<Coupled>,
+    /// Margin by which the spheres were inflated, m; negative: nothing found yet.
+    margin: Real,
+    /// Pose of `a` in the frame of `b`, and how far the two surfaces had deformed, when they were found.
+    pose_ba: Pose,
+    travel: Real,
 }
 
 #[derive(Debug, Default)]
 pub(super) struct Traversal {
-    pub coupled: Vec<Coupled>,
     pub coarse: bool,
     tests: usize,
     queue: Vec<(u32, u32)>,
@@ -28,22 +41,35 @@ pub(super) struct Traversal {
 
 impl Traversal {
     pub fn clear(&mut self) {
-        self.coupled.clear();
         self.coarse = false;
         self.tests = 0;
     }
 }
 
-/// Adds the coupled nodes of one pair, ordered by control point.
-pub(super) fn traverse(out: &mut Traversal, index: usize, pair: &Pair, bodies: &[BodyEntry], reach: &[Real], params: &Parameters) {
+/// Finds the coupled nodes of one pair, unless those found before still hold: while the two have moved less than the slack they were inflated by,
+/// whatever overlaps now is among them.
+pub(super) fn traverse(out: &mut Traversal, pair: &mut Pair, bodies: &[BodyEntry], reach: &[Real], params: &Parameters) {
     let (entry_a, entry_b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
     let (Some(skin_a), Some(skin_b)) = (entry_a.active_skin(), entry_b.active_skin()) else { return };
     let (tree_a, tree_b) = (&skin_a.surface.tree, &skin_b.surface.tree);
     let pose_ba: Pose = entry_b.body.link_pose(entry_b.skin_link).inverse() * entry_a.body.link_pose(entry_a.skin_link);
     let (turn, shift): (Mat3, Vec3) = (pose_ba.rotation.to_rotation_matrix().into_inner(), pose_ba.translation.vector);
-    let margin = params.contact_margin + reach[pair.a as usize] + reach[pair.b as usize];
+    let needed = params.contact_margin + reach[pair.a as usize] + reach[pair.b as usize];
+    let travel = skin_a.travel + skin_b.travel;
 
-    let first = out.coupled.len();
+    let coupling = &mut pair.coupling;
+    let (old, root) = (&coupling.pose_ba, &skin_a.spheres[0]);
+    let moved = (pose_ba * Point3::from(root.center) - old * Point3::from(root.center)).norm()
+        + old.rotation.angle_to(&pose_ba.rotation) * root.radius
+        + (travel - coupling.travel);
+    if needed + moved <= coupling.margin {
+        return;
+    }
+    let margin = needed + params.traversal_slack;
+    *coupling = Coupling { coupled: std::mem::take(&mut coupling.coupled), margin, pose_ba, travel };
+    coupling.coupled.clear();
+    let out_coupled = &mut coupling.coupled;
+    let mut coarse = false;
     out.queue.clear();
     out.queue.push((0, 0));
     let mut next = 0;
@@ -52,8 +78,8 @@ pub(super) fn traverse(out: &mut Traversal, index: usize, pair: &Pair, bodies: &
         next += 1;
         if out.tests >= params.traversal_budget {
             // No budget left even for the test: couple what is queued, as it is.
-            couple(out, index, tree_a.nodes[na as usize].representative, na, nb);
-            out.coarse |= tree_a.nodes[na as usize].children.is_some() || tree_b.nodes[nb as usize].children.is_some();
+            out_coupled.push(Coupled { control_point: tree_a.nodes[na as usize].representative, node_a: na, node_b: nb });
+            coarse |= tree_a.nodes[na as usize].children.is_some() || tree_b.nodes[nb as usize].children.is_some();
             continue;
         }
         out.tests += 1;
@@ -65,7 +91,7 @@ pub(super) fn traverse(out: &mut Traversal, index: usize, pair: &Pair, bodies: &
         }
         let (node_a, node_b) = (&tree_a.nodes[na as usize], &tree_b.nodes[nb as usize]);
         match (node_a.children, node_b.children) {
-            (None, None) => couple(out, index, node_a.first_leaf, na, nb),
+            (None, None) => out_coupled.push(Coupled { control_point: node_a.first_leaf, node_a: na, node_b: nb }),
             (Some([l, r]), other) if other.is_none() || sphere_a.radius >= sphere_b.radius => {
                 out.queue.push((l, nb));
                 out.queue.push((r, nb));
@@ -77,9 +103,10 @@ pub(super) fn traverse(out: &mut Traversal, index: usize, pair: &Pair, bodies: &
             (Some(_), None) => {} // covered by the guard above
         }
     }
-    out.coupled[first..].sort_unstable_by_key(|c| (c.control_point, c.node_a, c.node_b));
-}
-
-fn couple(out: &mut Traversal, pair: usize, control_point: u32, node_a: u32, node_b: u32) {
-    out.coupled.push(Coupled { pair: pair as u32, control_point, node_a, node_b });
+    out_coupled.sort_unstable_by_key(|c| (c.control_point, c.node_a, c.node_b));
+    if coarse {
+        // What a spent budget left coarse is looked at again in the next step.
+        coupling.margin = -1.0;
+        out.coarse = true;
+    }
 }

@@ -130,8 +130,11 @@ fn displace(side: &mut PatchSide, skin: &Skin, scratch: &Scratch, dt: Real) {
             }
             for t in 0..side.active.len() {
                 let i = side.active[t] as usize;
-                let moved: Vec3 =
-                    scratch.loaded.iter().map(|&j| half_space.block(&skin.surface.control, i, j as usize) * scratch.force[j as usize]).sum();
+                let moved: Vec3 = scratch
+                    .loaded
+                    .iter()
+                    .map(|&j| half_space.block(&skin.surface.control, i, j as usize) * scratch.force[j as usize])
+                    .sum();
                 side.displacement[i] += moved * (1.0 - alpha);
             }
         }

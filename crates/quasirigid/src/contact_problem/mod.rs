@@ -7,9 +7,9 @@ mod free_gap;
 
 use crate::body::{BodyEntry, pair_friction};
 use crate::collision::{Contact, Pair};
+use crate::error::Result;
 use crate::free_motion::FreeMotion;
 use crate::gauss_seidel::{Assembled, ContactStatus, MatrixFree, NO_BODY};
-use crate::error::Result;
 use crate::math::{Mat3x6, Real, Vec3};
 use std::time::{Duration, Instant};
 

@@ -1,5 +1,8 @@
 //! Anderson acceleration of the sweeps.
 
+// The loops below read like the algebra that they are.
+#![allow(clippy::needless_range_loop)]
+
 use super::residual::project_on_cone;
 use crate::math::{Real, Vec3};
 
@@ -106,7 +109,7 @@ fn solve_gram(gram: &[[Real; DEPTH]; DEPTH], rhs: &[Real; DEPTH], used: usize) -
                 sum -= l[i][k] * l[j][k];
             }
             if i == j {
-                if !(sum > 0.0) {
+                if sum.is_nan() || sum <= 0.0 {
                     return None;
                 }
                 l[i][i] = sum.sqrt();

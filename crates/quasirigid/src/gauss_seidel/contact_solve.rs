@@ -83,7 +83,7 @@ impl ContactBlock {
         let angle = 0.5 * q.atan2(half_difference);
         let (sine, cosine) = if radius > 0.0 { angle.sin_cos() } else { (0.0, 1.0) };
         let eigenvalues = [mean + radius, mean - radius];
-        if !(eigenvalues[1] > SINGULAR * trace) {
+        if eigenvalues[1].is_nan() || eigenvalues[1] <= SINGULAR * trace {
             return None;
         }
         let coupling = [cosine * n1 + sine * n2, -sine * n1 + cosine * n2];

@@ -61,11 +61,10 @@ pub fn natural_map_residual(delta: &[Vec3], f: &[Vec3], mu: &[Real], rho: &[Real
 pub(super) fn relative(error: Real, force: Real) -> Real {
     if error == 0.0 {
         0.0
-    } else if force > 0.0 {
-        (error / force).sqrt()
-    } else {
-        // Also the way out for NaN: nothing is known to be right.
+    } else if force == 0.0 {
         1.0
+    } else {
+        (error / force).sqrt()
     }
 }
 

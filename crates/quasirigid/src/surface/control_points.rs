@@ -107,10 +107,10 @@ impl ControlPoints {
 
     /// Gaussian weights of the control points around `x`, out of `candidates`; all on `home` when none is near.
     ///
-    /// `theta(r) = exp(-r^2/h^2) - exp(-4)`, cut at `r = 2 h` with `h` the control spacing (eq. 8), times the agreement of the normals,
+    /// `theta(r) = exp(-r^2/h^2) - exp(-4)`, cut at `r = 2 h` with `h` 0.8 control spacings (eq. 8; about 8 control points), times the agreement of the normals,
     /// so that a face does not pull at the face around the edge.
     pub fn weights(&self, x: &Vec3, normal: &Vec3, home: u32, candidates: &[u32]) -> Weights {
-        let h2 = self.spacing * self.spacing;
+        let h2 = 0.64 * self.spacing * self.spacing;
         let floor = (-4.0_f64).exp();
         let mut weights = Weights { len: 0, index: [0; MAX_WEIGHTS], weight: [0.0; MAX_WEIGHTS] };
         for &c in std::iter::once(&home).chain(candidates) {

@@ -217,7 +217,8 @@ mod tests {
     #[test]
     fn bad_surfaces_are_refused_with_what_was_found() {
         let (points, normals, areas) = sample_box(Vec3::repeat(0.1), 60).unwrap().into_parts();
-        let with = |f: &dyn Fn(&mut Vec<Vec3>, &mut Vec<Vec3>, &mut Vec<Real>)| {
+        type Spoil<'a> = &'a dyn Fn(&mut Vec<Vec3>, &mut Vec<Vec3>, &mut Vec<Real>);
+        let with = |f: Spoil| {
             let (mut p, mut n, mut a) = (points.clone(), normals.clone(), areas.clone());
             f(&mut p, &mut n, &mut a);
             PointSurface::new(p, n, a).map(|_| ()).unwrap_err()

@@ -189,10 +189,10 @@ fn neighbours_of_leaves(tree: &SphereTree, reach: Real) -> Rows {
     let grid = NeighbourGrid::build(&centers, largest + 0.5 * reach);
     let mut rows = Rows::default();
     let mut row = Vec::new();
-    for leaf in 0..centers.len() {
+    for (leaf, center) in centers.iter().enumerate() {
         let radius = tree.leaf(leaf).radius;
         row.clear();
-        grid.for_each_within(&centers[leaf], radius + largest + reach, |other, distance2| {
+        grid.for_each_within(center, radius + largest + reach, |other, distance2| {
             if other as usize != leaf && distance2.sqrt() <= radius + tree.leaf(other as usize).radius + reach {
                 row.push(other);
             }
