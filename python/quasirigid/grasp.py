@@ -44,17 +44,11 @@ TABLE = 0.4
 SUPPORT_DROP = 0.08
 LIFT = 0.05
 SHAKE, SHAKE_FREQUENCY = 0.005, 3.0
-CLOSE_AT_MOST = 2.0
-DURATIONS = {
-    "squeeze": 0.6,
-    "support away": 0.5,
-    "lift": 1.0,
-    "shake": 1.5,
-    "hold again": 1.5,
-    "put down": 1.8,
-    "release": 0.6,
-    "fall": 0.3,
-}
+DURATIONS = {"close": 2.0, "squeeze": 3.0, "support away": 0.5, "lift": 1.0, "shake": 1.5}
+DURATIONS |= {"hold again": 1.5, "put down": 1.8, "release": 0.6, "fall": 0.3}
+"""Seconds. The first hold is as long as asked for; closing and squeezing end sooner when the grip says so."""
+CLOSING = {"close": "closing", "squeeze": "squeezing"}
+"""Phases that last while the grip is in this state."""
 DROPPED_AT = 0.03
 """Moved this far against the hand (m), the object is taken for dropped and the run ends with the phase ``fall``."""
 GRAVITY = 9.81
