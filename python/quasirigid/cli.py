@@ -201,7 +201,7 @@ def _panel(result: GraspResult) -> Panel:
     table.add_column()
 
     def per_finger(key: str) -> str:
-        return "  ".join(f"{name} {force:.2f}" for name, force in zip(s["fingers"], s[key], strict=True)) + " N"
+        return "  ".join(f"{name.replace('_', ' ')} {force:.2f}" for name, force in zip(s["fingers"], s[key], strict=True)) + " N"
 
     table.add_row(
         "object", f"{escape(s['object'])}, {s['object_mass_kg']:.3g} kg, taken {s['approach']}, {1e3 * s['grasp_width_m']:.0f} mm wide"

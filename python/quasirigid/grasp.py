@@ -44,11 +44,15 @@ TABLE = 0.4
 SUPPORT_DROP = 0.08
 LIFT = 0.05
 SHAKE, SHAKE_FREQUENCY = 0.005, 3.0
-DURATIONS = {"close": 2.0, "squeeze": 3.0, "support away": 0.5, "lift": 1.0, "shake": 1.5}
+DURATIONS = {"close": 2.0, "squeeze": 3.0, "support away": 0.8, "lift": 1.0, "shake": 1.5}
 DURATIONS |= {"hold again": 1.5, "put down": 1.8, "release": 0.6, "fall": 0.3}
 """Seconds. The first hold is as long as asked for; closing and squeezing end sooner when the grip says so."""
 CLOSING = {"close": "closing", "squeeze": "squeezing"}
 """Phases that last while the grip is in this state."""
+STANDS_AT = 0.05
+"""Share of its weight that the fingers still carry when the object counts as put down."""
+SINK = 0.002
+"""How far below the place where it took the object the hand may go to put it down, m."""
 DROPPED_AT = 0.03
 """Moved this far against the hand (m), the object is taken for dropped and the run ends with the phase ``fall``."""
 GRAVITY = 9.81
@@ -169,6 +173,8 @@ class Grasp:
         self.fingers = tuple(self.hand.finger_names)
         self._finger_of = {body: finger for finger, body in enumerate(self.hand.body_indices)}
         self._start_in_hand: FloatArray | None = None
+        self._carried = 0.0
+        self._stands = False
 
     def _open_grip(self) -> Grip:
         """A grip with every pad clear of the object by as much as its finger can open."""
@@ -235,7 +241,8 @@ class Grasp:
             self._step("fall", recorder)
 
     def _lower_support(self, s: float) -> None:
-        self.support.move_to(self._support_top - [0.0, 0.0, SUPPORT_DROP * minimum_jerk(s)])
+        # Squared: it leaves the object slowly, so that the fingers take the load without a jolt.
+        self.support.move_to(self._support_top - [0.0, 0.0, SUPPORT_DROP * minimum_jerk(s) ** 2])
 
     def _lift(self, s: float) -> None:
         self.hand.move_to(self.palm + np.array([0.0, 0.0, LIFT * minimum_jerk(s)]), self.turn)
@@ -246,9 +253,11 @@ class Grasp:
         self.hand.move_to(self.palm + np.array([swing * math.sqrt(0.5), swing * math.sqrt(0.5), LIFT]), self.turn)
 
     def _put_down(self, s: float) -> None:
-        """The support comes back in the first third, then the hand goes down."""
+        """The support comes back in the first third, then the hand goes down until the support carries the object."""
         self.support.move_to(self._support_top - [0.0, 0.0, SUPPORT_DROP * (1.0 - minimum_jerk(3.0 * s))])
-        self.hand.move_to(self.palm + np.array([0.0, 0.0, LIFT * (1.0 - minimum_jerk(1.5 * s - 0.5))]), self.turn)
+        self._stands |= s > 0.5 and self._carried < STANDS_AT * self.taken.mass.mass * GRAVITY
+        if not self._stands:
+            self.hand.move_to(self.palm + np.array([0.0, 0.0, LIFT * (1.0 - minimum_jerk(1.5 * s - 0.5)) - SINK * s]), self.turn)
 
     def _object_in_hand(self) -> FloatArray:
         return rotate(conjugate(self.hand.quaternion), self.object.position - self.hand.position)
@@ -278,7 +287,9 @@ class Grasp:
             "report/step_time": report.step_time,
             "report/stage_times": [report.stage_times[name] for name in STAGES],
         }
-        row.update(contact_rows(self.world.contacts(), self.object.index, self._finger_of, len(self.fingers)))
+        contacts = contact_rows(self.world.contacts(), self.object.index, self._finger_of, len(self.fingers))
+        self._carried = float(contacts["hand/force_on_object"][:, 2].sum())
+        row.update(contacts)
         recorder.append(row)
 
 

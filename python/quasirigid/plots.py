@@ -16,8 +16,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
-from quasirigid.summary import Columns, FloatArray, Phase, moved, phases, pose_in, settled
+from quasirigid.summary import Columns, FloatArray, Phase, creep, moved, phases, pose_in, settled
 
 FINGER_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 INK, MUTED, BAND = "#222222", "#666666", "#F1F1EF"
@@ -70,7 +71,7 @@ def forces(columns: Columns, fingers: Sequence[str], *, dt: float, weight: float
     dashes = ("-", (0, (6, 1.5)), (0, (1.5, 1.2)), (0, (4, 1, 1, 1)), "--", ":")
     for f, name in enumerate(fingers):
         look: dict[str, Any] = {"color": FINGER_COLOURS[f % 6], "linestyle": dashes[f % 6], "linewidth": 1.6}
-        top.plot(time, normal[:, f], label=name, **look)
+        top.plot(time, normal[:, f], label=name.replace("_", " "), **look)
         middle.plot(time, tangent[:, f], **look)
         loaded = normal[:, f] > 0.02 * max(float(normal.max(initial=0.0)), 1e-9)
         used = np.where(loaded, tangent[:, f] / np.where(loaded, friction * normal[:, f], 1.0), np.nan)
@@ -111,23 +112,20 @@ def motion(columns: Columns, *, dt: float, subtitle: str = "") -> Figure:
     if start is not None:
         end = max((span.last for span in spans if span.name in ("hold", "lift", "shake", "hold again", "fall")), default=len(time))
         distance, angle = moved(relative[start:end])
-        # A floor of a femtometre keeps a perfect hold on the logarithmic axis.
-        middle.semilogy(time[start:end], np.maximum(1e6 * distance, 1e-9), color=FINGER_COLOURS[0], linewidth=1.4)
-        bottom.semilogy(time[start:end], np.maximum(np.degrees(angle), 1e-12), color=FINGER_COLOURS[0], linewidth=1.4)
+        # On a logarithmic axis zero has no place: the first step is left out.
+        steps = time[start:end]
+        for axes, values in ((middle, 1e6 * distance), (bottom, np.degrees(angle))):
+            axes.semilogy(steps, np.where(values > 0.0, values, np.nan), color=FINGER_COLOURS[0], linewidth=1.4)
+            later = values[min(20, len(values) - 1) :]
+            if later.max(initial=0.0) > 0.0:
+                axes.set_ylim(later[later > 0.0].min() / 30, 5 * values.max())
         for span in spans:
             if span.name in ("hold", "hold again"):
-                for axes, values, scale, unit in ((middle, distance, 1e9, "nm/s"), (bottom, angle, 1e9, "nrad/s")):
-                    window = settled(span, dt)
-                    a, b = window.start - start, window.stop - start
-                    speed = abs(values[b - 1] - values[a]) / max((b - 1 - a) * dt, dt) * scale
-                    axes.annotate(
-                        f"last second: {speed:.2g} {unit}",
-                        (0.5 * (span.start + span.end), 0.06),
-                        xycoords=axes.get_xaxis_transform(),
-                        ha="center",
-                        fontsize=8,
-                        color=INK,
-                    )
+                speeds = creep(relative[settled(span, dt)], dt)
+                for axes, speed, unit in zip((middle, bottom), speeds, ("nm/s", "nrad/s"), strict=True):
+                    place = (0.5 * (span.start + span.end), 0.05)
+                    text = f"last second: {1e9 * speed:.2g} {unit}"
+                    axes.annotate(text, place, xycoords=axes.get_xaxis_transform(), ha="center", fontsize=8, color=INK)
     else:
         for axes in (middle, bottom):
             axes.text(0.5, 0.5, "the run ended before the hold", transform=axes.transAxes, ha="center", color=MUTED, fontsize=9)
@@ -187,9 +185,11 @@ def patches(contacts: Mapping[str, npt.NDArray[Any]], fingers: Sequence[str], *,
     for f, (axes, layer) in enumerate(zip(all_axes, layers, strict=True)):
         axes.set_aspect("equal")
         axes.set(xlim=(-radius, radius), ylim=(-radius, radius))
+        axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+        axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
         _dress(axes, "up (mm)" if f == 0 else "")
         axes.set_xlabel("across (mm)", **STYLE)
-        axes.set_title(fingers[f], loc="left", fontsize=10, fontweight="bold", color=FINGER_COLOURS[f % 6])
+        axes.set_title(fingers[f].replace("_", " "), loc="left", fontsize=10, fontweight="bold", color=FINGER_COLOURS[f % 6])
         if layer is None:
             axes.text(0.5, 0.5, "no contact", transform=axes.transAxes, ha="center", color=MUTED, fontsize=9)
             continue
@@ -200,10 +200,11 @@ def patches(contacts: Mapping[str, npt.NDArray[Any]], fingers: Sequence[str], *,
         scatter = axes.scatter(flat[:, 0], flat[:, 1], c=pressure, s=size, cmap="viridis", vmin=0.0, vmax=top, linewidths=0)
         axes.scatter(flat[slips, 0], flat[slips, 1], s=0.8 * size[slips], facecolors="none", edgecolors="#D55E00", linewidths=1.3)
         if longest > 0.0:
-            arrows = (friction / longest * 0.24 * radius).T
+            seen = np.linalg.norm(friction, axis=1) > 0.06 * longest
+            start, arrows = flat[seen].T, (friction[seen] / longest * 0.24 * radius).T
             look: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "minlength": 0.1}
             look |= {"headwidth": 4.0, "headlength": 4.5, "headaxislength": 4.2, "width": 0.0075, "linewidth": 0.5}
-            axes.quiver(flat[:, 0], flat[:, 1], arrows[0], arrows[1], color="white", edgecolor=INK, **look)
+            axes.quiver(start[0], start[1], arrows[0], arrows[1], color="white", edgecolor=INK, **look)
         total = np.linalg.norm(friction.sum(axis=0))
         text = f"presses with {push.sum():.2f} N, friction {total:.2f} N\n{len(flat)} contacts, {int(slips.sum())} of them slip"
         axes.text(0.0, -0.21, text, transform=axes.transAxes, va="top", fontsize=8.5, color=MUTED, linespacing=1.4)
