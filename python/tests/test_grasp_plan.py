@@ -12,6 +12,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from quasirigid.errors import GraspPlanError, InvalidShapeError, InvalidValueError, QuasirigidError, UnknownNameError
 from quasirigid.grasp_plan import GraspPlan, HandGeometry, plan_grasp
 from quasirigid.objects import load_object

@@ -14,6 +14,8 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+
 from quasirigid.errors import (
     DegenerateSurfaceError,
     InvalidShapeError,
@@ -26,7 +28,6 @@ from quasirigid.objects import ObjectGeometry, load_object
 from quasirigid.objects.mass import solid_of_mesh
 from quasirigid.objects.mesh import clean_mesh, corner_normals
 from quasirigid.objects.sampling import sample_mesh, thin_out
-from scipy.spatial import cKDTree
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "objects"
 BOX = (0.06, 0.05, 0.08)
