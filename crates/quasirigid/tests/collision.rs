@@ -167,30 +167,72 @@ fn a_small_budget_gives_fewer_contacts_that_press_as_hard_and_says_so() {
     }
 }
 
+/// Contacts (key, gap) of 200 steps of a pad that dips, slides and turns on a box, off it in between; `change` may change parameters on the way.
+fn contacts_of_a_dance(params: Parameters, mut change: impl FnMut(usize, &mut World)) -> Vec<Vec<((u32, u32), Real)>> {
+    let boxes = shapes::sample_box(Vec3::repeat(0.05), 4_800).unwrap();
+    let (mut world, pad, _) = pressed(fingertip(1_200), 160, pad_pose(1e-4, 0.0), boxes, 640, params);
+    let step = |k: usize| {
+        // Slow enough to reuse what is known for some steps.
+        let t = k as Real * 1e-3;
+        let mut pose = pad_pose(6e-4 * (15.0 * t).sin(), 8e-3 * (10.0 * t).sin());
+        pose.rotation = Rot::from_axis_angle(&Vec3::z_axis(), 0.3 * (12.0 * t).sin()) * pose.rotation;
+        world.body_mut(pad).unwrap().move_to(pose).unwrap();
+        change(k, &mut world);
+        world.step();
+        world.contacts().iter().map(|c| ((c.pair, c.control_point), c.gap)).collect()
+    };
+    (0..200).map(step).collect()
+}
+
 #[test]
 fn what_is_remembered_of_the_last_traversal_changes_no_contact() {
-    let run = |slack: Real| {
-        let params = Parameters { traversal_slack: slack, ..Parameters::default() };
-        let boxes = shapes::sample_box(Vec3::repeat(0.05), 4_800).unwrap();
-        let (mut world, pad, _) = pressed(fingertip(1_200), 160, pad_pose(1e-4, 0.0), boxes, 640, params);
-        let mut contacts = Vec::new();
-        for k in 0..200 {
-            // Slow enough to reuse the traversal for some steps, and off the surface in between.
-            let t = k as Real * 1e-3;
-            let mut pose = pad_pose(6e-4 * (15.0 * t).sin(), 8e-3 * (10.0 * t).sin());
-            pose.rotation = Rot::from_axis_angle(&Vec3::z_axis(), 0.3 * (12.0 * t).sin()) * pose.rotation;
-            world.body_mut(pad).unwrap().move_to(pose).unwrap();
-            world.step();
-            contacts.push(world.contacts().iter().map(|c| (c.pair, c.control_point, c.gap)).collect::<Vec<_>>());
-        }
-        contacts
-    };
-    let (always, sometimes) = (run(0.0), run(Parameters::default().traversal_slack));
+    let params = |traversal_slack| Parameters { traversal_slack, projection_slack: 0.0, ..Parameters::default() };
+    let always = contacts_of_a_dance(params(0.0), |_, _| {});
+    let sometimes = contacts_of_a_dance(params(Parameters::default().traversal_slack), |_, _| {});
     let most = always.iter().map(Vec::len).max().unwrap_or(0);
     assert!(most > 10, "at most {most} contacts");
     for (step, (a, b)) in always.iter().zip(&sometimes).enumerate() {
         assert_eq!(a, b, "step {step}: other contacts");
     }
+}
+
+#[test]
+fn what_is_remembered_of_the_last_projection_changes_gaps_by_less_than_a_nanometre() {
+    let always = contacts_of_a_dance(Parameters { projection_slack: 0.0, ..Parameters::default() }, |_, _| {});
+    let sometimes = contacts_of_a_dance(Parameters::default(), |_, _| {});
+    let margin = Parameters::default().contact_margin;
+    let mut worst: Real = 0.0;
+    for (step, (a, b)) in always.iter().zip(&sometimes).enumerate() {
+        let (a, b): (BTreeMap<_, _>, BTreeMap<_, _>) = (a.iter().copied().collect(), b.iter().copied().collect());
+        for (one, other) in [(&a, &b), (&b, &a)] {
+            for (key, gap) in one {
+                match other.get(key) {
+                    Some(found) => worst = worst.max((gap - found).abs()),
+                    // At the rim of the margin a nanometre decides.
+                    None => assert!((gap - margin).abs() < 1e-4, "step {step}: contact {key:?} with a gap of {gap:e} m is in one run only"),
+                }
+            }
+        }
+    }
+    println!("gaps differ by up to {worst:.1e} m");
+    assert!(worst < 1e-9, "gaps differ by up to {worst:e} m");
+}
+
+#[test]
+fn a_larger_margin_holds_from_the_next_step_on() {
+    // Control points that were told to be apart must not stay so when more is asked for.
+    let margin = 1e-3;
+    let wide = contacts_of_a_dance(Parameters { contact_margin: margin, ..Parameters::default() }, |_, _| {});
+    let widened = contacts_of_a_dance(Parameters::default(), |k, world| {
+        if k == 199 {
+            let params = Parameters { contact_margin: margin, ..world.parameters().clone() };
+            world.set_parameters(params).unwrap();
+        }
+    });
+    let keys = |contacts: &[((u32, u32), Real)]| contacts.iter().map(|c| c.0).collect::<Vec<_>>();
+    let (all, some) = (keys(&wide[199]), keys(&widened[198]));
+    assert!(all.len() > some.len() + 3, "{} contacts with the large margin, {} with the small one", all.len(), some.len());
+    assert_eq!(keys(&widened[199]), all, "contacts after the margin was widened");
 }
 
 #[test]
