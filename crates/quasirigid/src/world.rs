@@ -118,7 +118,7 @@ impl World {
     /// Adds a hand with its base at `base`; every fingertip gets the pad `surface` (pad frame) of `material`.
     ///
     /// # Errors
-    /// [`Error::InvalidValue`] for a pose that is not finite; whatever the finger's constructor refuses.
+    /// [`Error::InvalidValue`] for a pose that is not finite or a material out of range; whatever the finger's constructor refuses.
     pub fn add_hand(
         &mut self,
         model: &HandModel,
@@ -129,6 +129,7 @@ impl World {
         material: &Material,
     ) -> Result<HandHandle> {
         check_pose("base pose", &base)?;
+        material.check()?;
         let handle = HandHandle { index: self.hands.len() as u32 };
         let mut fingers = Vec::with_capacity(model.fingers().len());
         for (finger, tip) in model.instantiate(base, motion)?.into_iter().zip(model.tips()) {

@@ -248,7 +248,10 @@ fn contact_problem_foretells_gap_and_slip_to_second_order() {
     for model in [pulp.local().unwrap(), ComplianceModel::HalfSpace] {
         let coarse = foretold_against_done(model, 2e-3);
         let fine = foretold_against_done(model, 1e-3);
-        println!("{model:?}: gap {:.1e} -> {:.1e} m, slip {:.1e} -> {:.1e} m, in steps of {:.1e} m", coarse.0, fine.0, coarse.1, fine.1, fine.2);
+        println!(
+            "{model:?}: gap {:.1e} -> {:.1e} m, slip {:.1e} -> {:.1e} m, in steps of {:.1e} m",
+            coarse.0, fine.0, coarse.1, fine.1, fine.2
+        );
         // Angles of a step are some 3 mrad at 10 mm: 5e-8 m at second order, against steps of 2e-4 m.
         assert!(fine.2 > 1e-4, "the pad moved by {:e} m in a step", fine.2);
         assert!(fine.0 < 1e-7 && fine.1 < 1e-7, "{model:?}: gap off by {:e}, slip by {:e} m", fine.0, fine.1);

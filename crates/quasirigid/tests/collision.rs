@@ -11,7 +11,14 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// A soft body `a` placed at `pose` over a body `b` held at the origin by a stiff spring; no gravity.
-fn pressed(a: PointSurface, leaves_a: usize, pose: Pose, b: PointSurface, leaves_b: usize, params: Parameters) -> (World, BodyHandle, BodyHandle) {
+fn pressed(
+    a: PointSurface,
+    leaves_a: usize,
+    pose: Pose,
+    b: PointSurface,
+    leaves_b: usize,
+    params: Parameters,
+) -> (World, BodyHandle, BodyHandle) {
     let mut world = World::new(Parameters { gravity: Vec3::zeros(), ..params }).unwrap();
     let surface = |points, leaves| Arc::new(Surface::build(points, Some(leaves)).unwrap());
     let pulp = Material::preset("fingertip_pulp").unwrap();
@@ -41,7 +48,9 @@ fn brute_force(a: &Surface, pose_a: &Pose, b: &Surface, pose_b: &Pose) -> BTreeM
         let x = pose.rotation * a.control.points[c] + pose.translation.vector;
         let normal = pose.rotation * a.control.normals[c];
         let everything = 0..b.len() as u32;
-        let Some(q) = project(&x, &b.points, &b.normals, std::slice::from_ref(&everything), &b.kernel, Some(&normal), 1e-12, 20) else { continue };
+        let Some(q) = project(&x, &b.points, &b.normals, std::slice::from_ref(&everything), &b.kernel, Some(&normal), 1e-12, 20) else {
+            continue;
+        };
         let aside = b.points[q.nearest] - q.point;
         let aside = (aside - q.normal * q.normal.dot(&aside)).norm();
         if q.normal.dot(&normal) < 0.0 && aside < b.spacing {
@@ -61,7 +70,13 @@ fn every_control_point_within_the_margin_is_found() {
         for depth in [-1.5e-4, 1e-4, 5e-4, 1e-3] {
             for (x, tilt) in [(0.0, 0.0), (3e-3, 0.4), (0.012, -0.3), (0.021, 0.6)] {
                 let pose = Pose::from_parts(Vec3::zeros().into(), Rot::from_axis_angle(&Vec3::y_axis(), tilt)) * pad_pose(depth, x);
-                let pose = if name == "ball" { pad_pose(depth, 0.1 * x) } else if tilt == 0.0 { pose } else { pad_pose(depth, x) };
+                let pose = if name == "ball" {
+                    pad_pose(depth, 0.1 * x)
+                } else if tilt == 0.0 {
+                    pose
+                } else {
+                    pad_pose(depth, x)
+                };
                 let (mut world, pad, object) = pressed(fingertip(2_400), 320, pose, object.clone(), leaves, Parameters::default());
                 let truth = {
                     let [a, b] = [pad, object].map(|h| world.entry(h).unwrap().skin.as_ref().unwrap().surface.clone());
@@ -230,7 +245,11 @@ fn a_larger_margin_holds_from_the_next_step_on() {
         let before = keys(&world).len();
         world.set_parameters(truth.parameters().clone()).unwrap();
         (truth.step(), world.step());
-        assert!(keys(&truth).len() > before, "depth {depth} m: {} contacts with the large margin, {before} with the small one", keys(&truth).len());
+        assert!(
+            keys(&truth).len() > before,
+            "depth {depth} m: {} contacts with the large margin, {before} with the small one",
+            keys(&truth).len()
+        );
         assert_eq!(keys(&world), keys(&truth), "depth {depth} m: contacts after the margin was widened");
     }
 }

@@ -48,9 +48,11 @@ fn load_at_slip(pinch: &mut Pinch, direction: Vec3, from: Real, most: Real) -> O
 #[test]
 fn pinched_block_slips_at_two_mu_n_along_the_load() {
     let (inertial, quasi_static) = (Motion::Inertial, Motion::QuasiStatic);
-    for (motion, half_space, angles) in
-        [(inertial, false, &[0.0_f64, 37.0, 90.0, 200.0, 305.0][..]), (quasi_static, false, &[64.0, 270.0]), (quasi_static, true, &[0.0, 140.0])]
-    {
+    for (motion, half_space, angles) in [
+        (inertial, false, &[0.0_f64, 37.0, 90.0, 200.0, 305.0][..]),
+        (quasi_static, false, &[64.0, 270.0]),
+        (quasi_static, true, &[0.0, 140.0]),
+    ] {
         for &angle in angles {
             let mut pinch = pinch(motion, half_space);
             let (sin, cos) = angle.to_radians().sin_cos();

@@ -12,7 +12,8 @@ fn assert_finite(what: &str, world: &World, report: &StepReport) {
     for entry in world.bodies() {
         let mut finite = true;
         entry.body.state().for_each_number(|x| finite &= x.is_finite());
-        finite &= entry.skin.iter().flat_map(|skin| skin.deformed.iter().chain(&skin.displacement)).all(|u| u.iter().all(|x| x.is_finite()));
+        finite &=
+            entry.skin.iter().flat_map(|skin| skin.deformed.iter().chain(&skin.displacement)).all(|u| u.iter().all(|x| x.is_finite()));
         assert!(finite, "{what}: {} at {} s", entry.body.name(), report.time);
     }
     assert!(world.contact_problem().reactions.iter().all(|f| f.iter().all(|x| x.is_finite())), "{what}: reactions at {} s", report.time);
@@ -103,7 +104,12 @@ fn bodies_in_one_another() {
     for k in 0..4 {
         let mass = MassProperties::cuboid(Vec3::repeat(0.03), Amount::Mass(0.05)).unwrap();
         let turn = Rot::from_scaled_axis(Vec3::new(0.3, 0.7, 0.2) * k as Real);
-        let body = RigidBody::free(format!("cube {k}"), mass, Motion::Inertial, Pose::from_parts(Vec3::new(2e-3 * k as Real, 0.0, 0.0).into(), turn));
+        let body = RigidBody::free(
+            format!("cube {k}"),
+            mass,
+            Motion::Inertial,
+            Pose::from_parts(Vec3::new(2e-3 * k as Real, 0.0, 0.0).into(), turn),
+        );
         world.add_body(body.unwrap(), Some((cube.clone(), Material::preset("silicone").unwrap())));
     }
     for _ in 0..200 {
@@ -129,8 +135,12 @@ fn ball_on_plate(mass: Real, material: &str, dt: Real, speed: Real) -> (World, B
     let plate_body = RigidBody::fixed("plate", Pose::translation(0.0, 0.0, -0.01)).unwrap();
     world.add_body(plate_body, Some((Arc::new(plate), Material::preset(material).unwrap())));
     let ball = Surface::build(shapes::sample_sphere(0.02, 900).unwrap(), Some(120)).unwrap();
-    let mut body =
-        RigidBody::free("ball", MassProperties::sphere(0.02, Amount::Mass(mass)).unwrap(), Motion::Inertial, Pose::translation(0.0, 0.0, 0.0215));
+    let mut body = RigidBody::free(
+        "ball",
+        MassProperties::sphere(0.02, Amount::Mass(mass)).unwrap(),
+        Motion::Inertial,
+        Pose::translation(0.0, 0.0, 0.0215),
+    );
     body.as_mut().unwrap().set_velocity(Vec3::new(0.0, 0.0, -speed), Vec3::zeros()).unwrap();
     let ball = world.add_body(body.unwrap(), Some((Arc::new(ball), Material::preset(material).unwrap())));
     (world, ball)

@@ -50,7 +50,10 @@ fn spoilt(what: &str, motion: Motion, spoil: impl Fn(&mut RigidBody)) {
     // It may have moved, finitely, before it went.
     assert!((place(&world, bad) - before[2]).norm() < 1.0, "{what}: left at {:?}", place(&world, bad));
     let moved = (place(&world, still) - before[0]).norm();
-    println!("{what}: {reported:?}, the still ball moved {moved:.1e} m, its neighbour {:.1e} m", (place(&world, neighbour) - before[1]).norm());
+    println!(
+        "{what}: {reported:?}, the still ball moved {moved:.1e} m, its neighbour {:.1e} m",
+        (place(&world, neighbour) - before[1]).norm()
+    );
     assert!(moved < 1e-5, "{what}: the other ball moved by {moved:e} m");
     assert!(world.body_mut(bad).is_ok() && world.remove_body(bad).is_ok(), "{what}: it can be looked at and taken out");
     (0..20).for_each(|_| drop(world.step()));

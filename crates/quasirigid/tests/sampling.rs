@@ -17,7 +17,8 @@ fn force(surface: PointSurface, control_points: usize, height: Real, depth: Real
     let steel = at_once(Material::preset("steel").unwrap());
     // Off the symmetric position, so that no sampling is lucky.
     let pose = Pose::from_parts(Vec3::new(1.3e-4, -2.1e-4, height - depth).into(), turn);
-    let soft = world.add_body(RigidBody::fixed("pad", pose).unwrap(), Some((surface_of(surface, control_points), at_once(material.clone()))));
+    let soft =
+        world.add_body(RigidBody::fixed("pad", pose).unwrap(), Some((surface_of(surface, control_points), at_once(material.clone()))));
     // Two fixed bodies do not meet: the plate is held by a spring that gives by a millionth of the depth.
     let mass = MassProperties::sphere(0.02, Amount::Mass(1.0)).unwrap();
     let mut body = RigidBody::free("plate", mass, Motion::Inertial, Pose::identity()).unwrap();
@@ -46,7 +47,11 @@ fn models() -> [(&'static str, Material); 3] {
 /// Checks F for samplings each with half the spacing of the one before.
 fn check(what: &str, samplings: &[usize], force: impl Fn(usize) -> (Real, usize)) {
     let found: Vec<(Real, usize)> = samplings.iter().map(|&n| force(n)).collect();
-    println!("{what}: {:?} N with {:?} closed contacts", found.iter().map(|f| f.0).collect::<Vec<_>>(), found.iter().map(|f| f.1).collect::<Vec<_>>());
+    println!(
+        "{what}: {:?} N with {:?} closed contacts",
+        found.iter().map(|f| f.0).collect::<Vec<_>>(),
+        found.iter().map(|f| f.1).collect::<Vec<_>>()
+    );
     let changes: Vec<Real> = found.windows(2).map(|w| (w[1].0 / w[0].0 - 1.0).abs()).collect();
     for (change, n) in changes.iter().zip(&samplings[1..]) {
         assert!(*change < 0.03, "{what}: halving the spacing to {n} control points changes F by {:.2} %", change * 100.0);
@@ -83,9 +88,8 @@ fn pressed_pad_answers_the_same_at_any_spacing() {
 fn point_spacing_alone_hardly_matters() {
     let radius = 0.01;
     for (name, material) in models() {
-        let forces = [3, 6, 12].map(|per_leaf| {
-            force(shapes::sample_sphere(radius, per_leaf * 800).unwrap(), 800, radius, 1e-3, &material, Rot::identity()).0
-        });
+        let forces = [3, 6, 12]
+            .map(|per_leaf| force(shapes::sample_sphere(radius, per_leaf * 800).unwrap(), 800, radius, 1e-3, &material, Rot::identity()).0);
         println!("{name}: {forces:?} N at 3, 6, 12 points per control point");
         for pair in forces.windows(2) {
             assert!((pair[1] / pair[0] - 1.0).abs() < 0.03, "{name}: {forces:?} N");

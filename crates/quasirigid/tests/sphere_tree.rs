@@ -115,10 +115,7 @@ fn deformed_leaves_cover_the_deformed_surface_at_every_refit_level() {
 fn a_pressed_pad_stays_covered() {
     let mut world = World::new(Parameters { gravity: Vec3::new(0.0, 0.0, -9.81), ..Parameters::default() }).unwrap();
     let plate = Surface::build(shapes::sample_half_space(0.06, 900).unwrap(), Some(100)).unwrap();
-    world.add_body(
-        RigidBody::fixed("plate", Pose::identity()).unwrap(),
-        Some((Arc::new(plate), Material::preset("steel").unwrap())),
-    );
+    world.add_body(RigidBody::fixed("plate", Pose::identity()).unwrap(), Some((Arc::new(plate), Material::preset("steel").unwrap())));
     let ball = Arc::new(Surface::build(shapes::sample_sphere(0.01, 1_200).unwrap(), Some(160)).unwrap());
     let mass = MassProperties::sphere(0.01, Amount::Mass(0.2)).unwrap();
     let body = RigidBody::free("ball", mass, Motion::QuasiStatic, Pose::translation(0.0, 0.0, 0.01)).unwrap();

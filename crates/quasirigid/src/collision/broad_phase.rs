@@ -16,7 +16,8 @@ pub(super) fn reach_of_bodies(bodies: &[BodyEntry], free: &[FreeMotion], reach: 
         // The displacement field is affine in the point, d(c + r) = d(c) + theta x r: |theta|^2 is half the sum over the axes of |theta x e|^2.
         let at = |p: &Vec3| entry.free_displacement(free, p);
         let middle = at(&center.coords);
-        let turned: Real = [Vec3::x(), Vec3::y(), Vec3::z()].iter().map(|e| (at(&(center.coords + e * root.radius)) - middle).norm_squared()).sum();
+        let turned: Real =
+            [Vec3::x(), Vec3::y(), Vec3::z()].iter().map(|e| (at(&(center.coords + e * root.radius)) - middle).norm_squared()).sum();
         middle.norm() + (0.5 * turned).sqrt()
     }));
 }
