@@ -33,8 +33,11 @@ fn assert_refused<T>(what: &str, result: Result<T>) {
     assert!(parts.iter().all(|part| !part.trim().is_empty()), "{what}: something is missing in '{error}'");
 }
 
+/// A quantity and a call that takes it.
+type Row<'a, T> = (&'a str, &'a dyn Fn(Real) -> Result<T>);
+
 /// Tries every bad value in every row of a table.
-fn refused<T>(values: &[Real], rows: &[(&str, &dyn Fn(Real) -> Result<T>)]) {
+fn refused<T>(values: &[Real], rows: &[Row<T>]) {
     for (what, make) in rows {
         for &value in values {
             assert_refused(&format!("{what} = {value}"), make(value));

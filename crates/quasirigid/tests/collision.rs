@@ -244,7 +244,8 @@ fn a_larger_margin_holds_from_the_next_step_on() {
         (0..5).for_each(|_| drop((truth.step(), world.step())));
         let before = keys(&world).len();
         world.set_parameters(truth.parameters().clone()).unwrap();
-        (truth.step(), world.step());
+        truth.step();
+        world.step();
         assert!(
             keys(&truth).len() > before,
             "depth {depth} m: {} contacts with the large margin, {before} with the small one",

@@ -151,8 +151,8 @@ fn light_heavy_hard_soft_fast_and_slow_balls_stay_above_the_plate() {
     for mass in [1e-6, 0.03, 100.0] {
         for material in ["steel", "ecoflex"] {
             for (dt, speed) in [(1e-3, 0.0), (1e-3, 5.0), (1e-2, 3.0), (1e-5, 1.0)] {
-                // 100 kg at 5 m/s on Ecoflex: the layer would have to give by more than the ball; not a case for anyone.
-                if mass > 1.0 && material == "ecoflex" && speed > 0.0 {
+                // The weight of 100 kg alone presses a foundation of Ecoflex by sqrt(2 m g / (pi k R)) = 40 mm, twice the radius.
+                if mass > 1.0 && material == "ecoflex" {
                     continue;
                 }
                 let what = format!("{mass} kg of {material}, dt {dt} s, {speed} m/s");
