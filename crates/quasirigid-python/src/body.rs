@@ -1,0 +1,157 @@
+//! `Body`: a handle to a rigid body of a world.
+
+use crate::conv;
+use crate::errors::OrRaise;
+use crate::world::World;
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+use quasirigid::body::{BodyEntry, PoseDrive, RigidBody};
+use quasirigid::math::{Real, Vec3};
+use quasirigid::{BodyHandle, Result};
+
+/// A rigid body in a world.
+#[pyclass(frozen, module = "quasirigid._quasirigid")]
+pub struct Body {
+    pub(crate) world: Py<World>,
+    pub(crate) handle: BodyHandle,
+}
+
+impl Body {
+    fn read<T>(&self, py: Python<'_>, of: impl FnOnce(&RigidBody) -> T) -> PyResult<T> {
+        let world = self.world.get().lock(py);
+        world.body(self.handle).map(of).or_raise(py)
+    }
+
+    fn write(&self, py: Python<'_>, change: impl FnOnce(&mut RigidBody) -> Result<()>) -> PyResult<()> {
+        let mut world = self.world.get().lock(py);
+        world.body_mut(self.handle).and_then(change).or_raise(py)
+    }
+}
+
+/// The points of a body's surface as deformed now, world.
+pub fn deformed_points(entry: &BodyEntry) -> Vec<Vec3> {
+    let Some(skin) = &entry.skin else { return Vec::new() };
+    let pose = entry.body.link_pose(entry.skin_link);
+    let mut points = skin.surface.in_callers_order(&skin.deformed);
+    points.iter_mut().for_each(|p| *p = pose.rotation * *p + pose.translation.vector);
+    points
+}
+
+/// The elastic displacement of every control point, frame of the link.
+pub fn displacements(entry: &BodyEntry) -> Vec<Vec3> {
+    entry.skin.as_ref().map_or_else(Vec::new, |skin| skin.displacement.clone())
+}
+
+#[pymethods]
+impl Body {
+    #[getter]
+    fn name(&self, py: Python<'_>) -> PyResult<String> {
+        self.read(py, |body| body.name().to_owned())
+    }
+
+    #[getter]
+    fn index(&self, py: Python<'_>) -> PyResult<usize> {
+        self.world.get().lock(py).dense(self.handle).or_raise(py)
+    }
+
+    #[getter]
+    fn mass(&self, py: Python<'_>) -> PyResult<Real> {
+        self.read(py, |body| if body.dof() == 0 { 0.0 } else { body.mass_properties().mass() })
+    }
+
+    #[getter]
+    fn position<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
+        let position = self.read(py, |body| body.pose().translation.vector)?;
+        Ok(conv::from_vec3(py, &position))
+    }
+
+    #[getter]
+    fn quaternion<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
+        let rotation = self.read(py, |body| body.pose().rotation)?;
+        Ok(conv::from_rot(py, &rotation))
+    }
+
+    #[getter]
+    fn centre_of_mass<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
+        let centre = self.read(py, RigidBody::center_of_mass)?;
+        Ok(conv::from_vec3(py, &centre))
+    }
+
+    #[getter]
+    fn linear_velocity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
+        let velocity = self.read(py, |body| *body.linear_velocity())?;
+        Ok(conv::from_vec3(py, &velocity))
+    }
+
+    #[getter]
+    fn angular_velocity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
+        let velocity = self.read(py, RigidBody::angular_velocity)?;
+        Ok(conv::from_vec3(py, &velocity))
+    }
+
+    #[pyo3(signature = (linear, angular = None))]
+    fn set_velocity(&self, py: Python<'_>, linear: &Bound<'_, PyAny>, angular: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let linear = conv::vec3(linear, "linear")?;
+        let angular = angular.map_or(Ok(Vec3::zeros()), |w| conv::vec3(w, "angular"))?;
+        self.write(py, |body| body.set_velocity(linear, angular))
+    }
+
+    #[pyo3(signature = (force, torque = None))]
+    fn apply_wrench(&self, py: Python<'_>, force: &Bound<'_, PyAny>, torque: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let force = conv::vec3(force, "force")?;
+        let torque = torque.map_or(Ok(Vec3::zeros()), |t| conv::vec3(t, "torque"))?;
+        self.write(py, |body| body.set_external_wrench(force, torque))
+    }
+
+    #[pyo3(signature = (position, quaternion = None))]
+    fn move_to(&self, py: Python<'_>, position: &Bound<'_, PyAny>, quaternion: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let current = self.read(py, |body| body.pose().rotation)?;
+        let pose = conv::pose(position, quaternion, &current)?;
+        self.write(py, |body| body.move_to(pose))
+    }
+
+    #[allow(clippy::too_many_arguments)] // keyword arguments
+    #[pyo3(signature = (position, quaternion = None, *, stiffness, damping, linear_velocity = None, angular_velocity = None))]
+    fn set_drive(
+        &self,
+        py: Python<'_>,
+        position: &Bound<'_, PyAny>,
+        quaternion: Option<&Bound<'_, PyAny>>,
+        stiffness: (Real, Real),
+        damping: (Real, Real),
+        linear_velocity: Option<&Bound<'_, PyAny>>,
+        angular_velocity: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        let current = self.read(py, |body| body.pose().rotation)?;
+        let target = conv::pose(position, quaternion, &current)?;
+        let mut drive = PoseDrive::new(target, stiffness.into(), damping.into()).or_raise(py)?;
+        for (rows, value, what) in [(0, linear_velocity, "linear_velocity"), (3, angular_velocity, "angular_velocity")] {
+            if let Some(value) = value {
+                drive.target_velocity.fixed_rows_mut::<3>(rows).copy_from(&conv::vec3(value, what)?);
+            }
+        }
+        self.write(py, |body| body.set_drive(Some(drive)))
+    }
+
+    fn clear_drive(&self, py: Python<'_>) -> PyResult<()> {
+        self.write(py, |body| body.set_drive(None))
+    }
+
+    fn deformed_points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        let points = self.world.get().lock(py).entry(self.handle).map(deformed_points).or_raise(py)?;
+        conv::from_points(py, points)
+    }
+
+    fn displacements<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        let values = self.world.get().lock(py).entry(self.handle).map(displacements).or_raise(py)?;
+        conv::from_points(py, values)
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> String {
+        let place = |body: &RigidBody| {
+            let p = body.pose().translation.vector;
+            format!("Body({:?}, position=({:.6}, {:.6}, {:.6}))", body.name(), p.x, p.y, p.z)
+        };
+        self.read(py, place).unwrap_or_else(|_| "Body(removed)".into())
+    }
+}

@@ -1,0 +1,137 @@
+//! `Contacts` and `ContactStatus`.
+
+use crate::conv;
+use numpy::{PyArray1, PyArray2, PyArray3};
+use pyo3::prelude::*;
+use quasirigid::gauss_seidel::Delassus;
+use quasirigid::math::{Mat3, Real, Vec3};
+
+/// Values of `Contacts.status`.
+#[pyclass(frozen, module = "quasirigid._quasirigid")]
+pub struct ContactStatus;
+
+#[pymethods]
+impl ContactStatus {
+    #[classattr]
+    #[allow(non_upper_case_globals)] // names as Python users write them
+    const Open: u8 = 0;
+    #[classattr]
+    #[allow(non_upper_case_globals)]
+    const Stick: u8 = 1;
+    #[classattr]
+    #[allow(non_upper_case_globals)]
+    const Slip: u8 = 2;
+}
+
+/// The contacts of the last step as a struct of arrays; row i of every array is contact i.
+#[pyclass(frozen, module = "quasirigid._quasirigid")]
+pub struct Contacts {
+    points: Vec<Vec3>,
+    frames: Vec<Mat3>,
+    gaps: Vec<Real>,
+    reactions: Vec<Vec3>,
+    areas: Vec<Real>,
+    friction: Vec<Real>,
+    status: Vec<u8>,
+    body_a: Vec<u32>,
+    body_b: Vec<u32>,
+    control_point: Vec<u32>,
+}
+
+impl Contacts {
+    /// Copies the contacts of the last step.
+    pub fn of(world: &quasirigid::World) -> Self {
+        let (contacts, problem) = (world.contacts(), world.contact_problem());
+        // Row i of delta = W f + delta_free: the gap at the end of the step.
+        let gap = |i: usize| problem.delta_free[i].x + problem.w.displacement(i).x;
+        Self {
+            points: contacts.iter().map(|c| c.point).collect(),
+            frames: contacts.iter().map(|c| c.frame).collect(),
+            gaps: (0..problem.len()).map(gap).collect(),
+            reactions: problem.reactions.clone(),
+            areas: contacts.iter().map(|c| c.area).collect(),
+            friction: problem.mu.clone(),
+            status: problem.status.iter().map(|&s| s as u8).collect(),
+            body_a: contacts.iter().map(|c| c.body_a).collect(),
+            body_b: contacts.iter().map(|c| c.body_b).collect(),
+            control_point: contacts.iter().map(|c| c.control_point).collect(),
+        }
+    }
+}
+
+#[pymethods]
+impl Contacts {
+    #[getter]
+    fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        conv::from_points(py, self.points.iter().copied())
+    }
+
+    #[getter]
+    fn normals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        conv::from_points(py, self.frames.iter().map(|e| e.column(0).into_owned()))
+    }
+
+    #[getter]
+    fn frames<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<Real>>> {
+        conv::from_matrices(py, self.frames.iter().copied())
+    }
+
+    #[getter]
+    fn gaps<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
+        conv::from_vec(py, self.gaps.clone())
+    }
+
+    #[getter]
+    fn reactions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        conv::from_points(py, self.reactions.iter().copied())
+    }
+
+    #[getter]
+    fn forces<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        conv::from_points(py, self.frames.iter().zip(&self.reactions).map(|(e, f)| e * f))
+    }
+
+    #[getter]
+    fn areas<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
+        conv::from_vec(py, self.areas.clone())
+    }
+
+    #[getter]
+    fn pressures<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
+        conv::from_vec(py, self.reactions.iter().zip(&self.areas).map(|(f, area)| f.x / area).collect())
+    }
+
+    #[getter]
+    fn friction<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
+        conv::from_vec(py, self.friction.clone())
+    }
+
+    #[getter]
+    fn status<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u8>> {
+        conv::from_vec(py, self.status.clone())
+    }
+
+    #[getter]
+    fn body_a<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+        conv::from_vec(py, self.body_a.clone())
+    }
+
+    #[getter]
+    fn body_b<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+        conv::from_vec(py, self.body_b.clone())
+    }
+
+    #[getter]
+    fn control_point<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+        conv::from_vec(py, self.control_point.clone())
+    }
+
+    fn __len__(&self) -> usize {
+        self.points.len()
+    }
+
+    fn __repr__(&self) -> String {
+        let count = |status: u8| self.status.iter().filter(|&&s| s == status).count();
+        format!("Contacts({}: {} open, {} stick, {} slip)", self.points.len(), count(0), count(1), count(2))
+    }
+}

@@ -1,0 +1,123 @@
+//! All conversions between NumPy and the engine.
+//!
+//! In: anything that `numpy.asarray(x, float64)` takes; the shape is checked, NaN and infinity are refused. Out: arrays that own their data.
+//! Quaternions are (w, x, y, z) on the Python side.
+
+use crate::errors::{OrRaise, to_py};
+use nalgebra as na;
+use numpy::{AllowTypeChange, Element, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayLikeDyn, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use quasirigid::Error;
+use quasirigid::math::{Mat3, Pose, Real, Rot, Vec3};
+
+/// The numbers of an array-like in C order, and its shape.
+fn numbers(value: &Bound<'_, PyAny>, what: &str, shape: &str) -> PyResult<(Vec<Real>, Vec<usize>)> {
+    let py = value.py();
+    let got = |value: &Bound<'_, PyAny>| value.get_type().name().map_or_else(|_| "something else".into(), |name| name.to_string());
+    let array: PyArrayLikeDyn<'_, Real, AllowTypeChange> = value
+        .extract()
+        .map_err(|_| to_py(py, &Error::shape(what, format!("numbers of shape {shape}"), got(value), "give an array of real numbers")))?;
+    let numbers: Vec<Real> = array.as_array().iter().copied().collect();
+    quasirigid::error::check_finite(what, &numbers).or_raise(py)?;
+    Ok((numbers, array.shape().to_vec()))
+}
+
+fn wrong_shape(py: Python<'_>, what: &str, expected: &str, got: &[usize]) -> PyErr {
+    let list = got.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+    let got = if got.len() == 1 { format!("({list},)") } else { format!("({list})") };
+    to_py(py, &Error::shape(what, format!("shape {expected}"), format!("shape {got}"), "reshape it"))
+}
+
+/// `(3,)`.
+pub fn vec3(value: &Bound<'_, PyAny>, what: &str) -> PyResult<Vec3> {
+    let (x, shape) = numbers(value, what, "(3,)")?;
+    if shape == [3] { Ok(Vec3::new(x[0], x[1], x[2])) } else { Err(wrong_shape(value.py(), what, "(3,)", &shape)) }
+}
+
+/// `(3, 3)`.
+pub fn mat3(value: &Bound<'_, PyAny>, what: &str) -> PyResult<Mat3> {
+    let (x, shape) = numbers(value, what, "(3, 3)")?;
+    if shape == [3, 3] { Ok(Mat3::from_row_slice(&x)) } else { Err(wrong_shape(value.py(), what, "(3, 3)", &shape)) }
+}
+
+/// `(n, 3)`.
+pub fn points(value: &Bound<'_, PyAny>, what: &str) -> PyResult<Vec<Vec3>> {
+    let (x, shape) = numbers(value, what, "(n, 3)")?;
+    if shape.len() == 2 && shape[1] == 3 {
+        return Ok(x.chunks_exact(3).map(Vec3::from_column_slice).collect());
+    }
+    Err(wrong_shape(value.py(), what, "(n, 3)", &shape))
+}
+
+/// `(n,)`.
+pub fn vector(value: &Bound<'_, PyAny>, what: &str) -> PyResult<Vec<Real>> {
+    let (x, shape) = numbers(value, what, "(n,)")?;
+    if shape.len() == 1 { Ok(x) } else { Err(wrong_shape(value.py(), what, "(n,)", &shape)) }
+}
+
+/// `(rows, columns)`, C order.
+pub fn table(value: &Bound<'_, PyAny>, what: &str, rows: usize, columns: usize) -> PyResult<Vec<Real>> {
+    let expected = format!("({rows}, {columns})");
+    let (x, shape) = numbers(value, what, &expected)?;
+    if shape == [rows, columns] { Ok(x) } else { Err(wrong_shape(value.py(), what, &expected, &shape)) }
+}
+
+/// `(4,)` as (w, x, y, z); need not have unit length, but must not be zero.
+pub fn quaternion(value: &Bound<'_, PyAny>, what: &str) -> PyResult<Rot> {
+    let (x, shape) = numbers(value, what, "(4,)")?;
+    if shape != [4] {
+        return Err(wrong_shape(value.py(), what, "(4,)", &shape));
+    }
+    Rot::try_new(na::Quaternion::new(x[0], x[1], x[2], x[3]), 1e-6).ok_or_else(|| {
+        to_py(value.py(), &Error::value(what, "a quaternion (w, x, y, z) that is not zero", format!("{x:?}"), "(1, 0, 0, 0) does not turn"))
+    })
+}
+
+/// A pose from a position and a quaternion, or, without a quaternion, with the rotation of `current`.
+pub fn pose(position: &Bound<'_, PyAny>, turn: Option<&Bound<'_, PyAny>>, current: &Rot) -> PyResult<Pose> {
+    let rotation = turn.map_or(Ok(*current), |q| quaternion(q, "quaternion"))?;
+    Ok(Pose::from_parts(vec3(position, "position")?.into(), rotation))
+}
+
+/// A count from Python, where a negative number is possible.
+pub fn count(py: Python<'_>, what: &str, value: i64) -> PyResult<usize> {
+    usize::try_from(value).map_err(|_| to_py(py, &Error::value(what, "a whole number >= 0", value, "give a count")))
+}
+
+/// `(3,)`.
+pub fn from_vec3<'py>(py: Python<'py>, v: &Vec3) -> Bound<'py, PyArray1<Real>> {
+    PyArray1::from_slice(py, v.as_slice())
+}
+
+/// `(4,)` as (w, x, y, z).
+pub fn from_rot<'py>(py: Python<'py>, q: &Rot) -> Bound<'py, PyArray1<Real>> {
+    PyArray1::from_slice(py, &[q.w, q.i, q.j, q.k])
+}
+
+/// `(3, 3)`.
+pub fn from_mat3<'py>(py: Python<'py>, m: &Mat3) -> PyResult<Bound<'py, PyArray2<Real>>> {
+    rows(py, m.transpose().as_slice().to_vec(), 3)
+}
+
+/// `(n,)`.
+pub fn from_vec<T: Element>(py: Python<'_>, values: Vec<T>) -> Bound<'_, PyArray1<T>> {
+    values.into_pyarray(py)
+}
+
+/// `(n, 3)`.
+pub fn from_points<'py>(py: Python<'py>, points: impl IntoIterator<Item = Vec3>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+    rows(py, points.into_iter().flat_map(|p| [p.x, p.y, p.z]).collect(), 3)
+}
+
+/// `(n, columns)` from numbers in C order.
+pub fn rows(py: Python<'_>, values: Vec<Real>, columns: usize) -> PyResult<Bound<'_, PyArray2<Real>>> {
+    let n = values.len() / columns;
+    values.into_pyarray(py).reshape([n, columns])
+}
+
+/// `(n, 3, 3)` from matrices.
+pub fn from_matrices<'py>(py: Python<'py>, matrices: impl IntoIterator<Item = Mat3>) -> PyResult<Bound<'py, PyArray3<Real>>> {
+    let values: Vec<Real> = matrices.into_iter().flat_map(|m| m.transpose().as_slice().to_vec()).collect();
+    let n = values.len() / 9;
+    values.into_pyarray(py).reshape([n, 3, 3])
+}

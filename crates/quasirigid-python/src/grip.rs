@@ -1,0 +1,82 @@
+//! `Grip`: the controller that closes a hand.
+
+use crate::conv;
+use crate::errors::OrRaise;
+use crate::world::World;
+use numpy::PyArray1;
+use pyo3::prelude::*;
+use pyo3::sync::MutexExt;
+use quasirigid::grip::GripState;
+use quasirigid::math::Real;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Closes a hand on whatever is between its fingers.
+#[pyclass(frozen, module = "quasirigid._quasirigid")]
+pub struct Grip {
+    world: Py<World>,
+    engine: Mutex<quasirigid::grip::Grip>,
+}
+
+impl Grip {
+    /// Wraps a controller of a hand of `world`.
+    pub fn new(world: Py<World>, grip: quasirigid::grip::Grip) -> Self {
+        Self { world, engine: Mutex::new(grip) }
+    }
+
+    fn lock(&self, py: Python<'_>) -> MutexGuard<'_, quasirigid::grip::Grip> {
+        self.engine.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[pymethods]
+impl Grip {
+    #[getter]
+    fn state(&self, py: Python<'_>) -> &'static str {
+        match self.lock(py).state() {
+            GripState::Closing => "closing",
+            GripState::Squeezing => "squeezing",
+            GripState::Holding => "holding",
+            GripState::Opening => "opening",
+            GripState::Open => "open",
+            GripState::Missed => "missed",
+        }
+    }
+
+    #[getter]
+    fn squeeze(&self, py: Python<'_>) -> Real {
+        self.lock(py).squeeze()
+    }
+
+    #[setter]
+    fn set_squeeze(&self, py: Python<'_>, value: Real) -> PyResult<()> {
+        self.lock(py).set_squeeze(value).or_raise(py)
+    }
+
+    fn forces<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
+        let world = self.world.get().lock(py);
+        let forces = self.lock(py).forces(&world).or_raise(py)?;
+        Ok(conv::from_vec(py, forces))
+    }
+
+    fn update(&self, py: Python<'_>) -> PyResult<()> {
+        // Always the world first: one order of locks.
+        let mut world = self.world.get().lock(py);
+        self.lock(py).update(&mut world).or_raise(py)
+    }
+
+    fn hold(&self, py: Python<'_>) {
+        self.lock(py).hold();
+    }
+
+    fn open(&self, py: Python<'_>) {
+        self.lock(py).open();
+    }
+
+    fn close(&self, py: Python<'_>) {
+        self.lock(py).close();
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> String {
+        format!("Grip({}, squeeze={} N)", self.state(py), self.squeeze(py))
+    }
+}

@@ -1,0 +1,217 @@
+//! `Hand`: a handle to a hand of a world.
+
+use crate::body::{deformed_points, displacements};
+use crate::conv;
+use crate::errors::{OrRaise, to_py};
+use crate::grip::Grip;
+use crate::world::World;
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+use quasirigid::body::inverse_kinematics::{IkOptions, TipGoal, inverse_kinematics};
+use quasirigid::body::{BodyEntry, Finger};
+use quasirigid::grip::PadPath;
+use quasirigid::math::{Pose, Real, Vec3};
+use quasirigid::{Error, HandHandle, Result};
+
+/// Positions (fingers, 3) and quaternions (fingers, 4).
+type Poses<'py> = (Bound<'py, PyArray2<Real>>, Bound<'py, PyArray2<Real>>);
+
+/// An articulated hand in a world.
+#[pyclass(frozen, module = "quasirigid._quasirigid")]
+pub struct Hand {
+    pub(crate) world: Py<World>,
+    pub(crate) handle: HandHandle,
+}
+
+impl Hand {
+    fn read<T>(&self, py: Python<'_>, of: impl FnOnce(&quasirigid::World, &quasirigid::world::Hand) -> Result<T>) -> PyResult<T> {
+        let world = self.world.get().lock(py);
+        world.hand(self.handle).and_then(|hand| of(&world, hand)).or_raise(py)
+    }
+
+    /// One row per finger.
+    fn table<'py>(&self, py: Python<'py>, of: impl Fn(&Finger) -> &[Real]) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        let (values, joints) = self.read(py, |world, hand| {
+            let mut values = Vec::new();
+            for finger in 0..hand.fingers.len() {
+                values.extend_from_slice(of(world.finger(self.handle, finger)?));
+            }
+            Ok((values, hand.model.fingers()[0].dof()))
+        })?;
+        conv::rows(py, values, joints)
+    }
+
+    /// Gives every finger its row.
+    fn set_table(
+        &self,
+        value: &Bound<'_, PyAny>,
+        what: &str,
+        set: impl Fn(&mut Finger, &[Real]) -> Result<()>,
+        check: impl Fn(&Finger, &[Real]) -> Result<()>,
+    ) -> PyResult<()> {
+        let py = value.py();
+        let (fingers, joints) = self.read(py, |_, hand| Ok((hand.fingers.len(), hand.model.fingers()[0].dof())))?;
+        let rows = conv::table(value, what, fingers, joints)?;
+        let mut world = self.world.get().lock(py);
+        // All rows are looked at before the first is set: a refused table changes nothing.
+        for (finger, row) in rows.chunks_exact(joints).enumerate() {
+            world.finger(self.handle, finger).and_then(|f| check(f, row)).or_raise(py)?;
+        }
+        for (finger, row) in rows.chunks_exact(joints).enumerate() {
+            world.finger_mut(self.handle, finger).and_then(|f| set(f, row)).or_raise(py)?;
+        }
+        Ok(())
+    }
+
+    fn entry<T>(&self, py: Python<'_>, finger: i64, of: impl FnOnce(&BodyEntry) -> T) -> PyResult<T> {
+        let finger = conv::count(py, "finger", finger)?;
+        self.read(py, |world, _| world.entry(world.finger_handle(self.handle, finger)?).map(of))
+    }
+}
+
+#[pymethods]
+impl Hand {
+    #[getter]
+    fn name(&self, py: Python<'_>) -> PyResult<String> {
+        self.read(py, |_, hand| Ok(hand.model.name().to_owned()))
+    }
+
+    #[getter]
+    fn position<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
+        let base = self.read(py, |_, hand| Ok(hand.base))?;
+        Ok(conv::from_vec3(py, &base.translation.vector))
+    }
+
+    #[getter]
+    fn quaternion<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
+        let base = self.read(py, |_, hand| Ok(hand.base))?;
+        Ok(conv::from_rot(py, &base.rotation))
+    }
+
+    #[pyo3(signature = (position, quaternion = None))]
+    fn move_to(&self, py: Python<'_>, position: &Bound<'_, PyAny>, quaternion: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let current = self.read(py, |_, hand| Ok(hand.base.rotation))?;
+        let pose = conv::pose(position, quaternion, &current)?;
+        self.world.get().lock(py).move_hand_to(self.handle, pose).or_raise(py)
+    }
+
+    #[getter]
+    fn finger_count(&self, py: Python<'_>) -> PyResult<usize> {
+        self.read(py, |_, hand| Ok(hand.fingers.len()))
+    }
+
+    #[getter]
+    fn finger_names(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        self.read(py, |_, hand| Ok(hand.model.fingers().iter().map(|finger| finger.name().to_owned()).collect()))
+    }
+
+    #[getter]
+    fn body_indices(&self, py: Python<'_>) -> PyResult<Vec<usize>> {
+        self.read(py, |world, hand| hand.fingers.iter().map(|&finger| world.dense(finger)).collect())
+    }
+
+    #[getter]
+    fn joint_positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        self.table(py, Finger::joint_positions)
+    }
+
+    #[setter]
+    fn set_joint_positions(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
+        let check = |finger: &Finger, row: &[Real]| finger.clone().set_joint_positions(row);
+        self.set_table(value, "joint_positions", Finger::set_joint_positions, check)
+    }
+
+    #[getter]
+    fn joint_velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        self.table(py, Finger::joint_velocities)
+    }
+
+    #[getter]
+    fn joint_targets<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        self.table(py, Finger::joint_targets)
+    }
+
+    #[setter]
+    fn set_joint_targets(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
+        // Any finite number will do, and `conv` has seen to that.
+        self.set_table(value, "joint_targets", Finger::set_joint_targets, |_, _| Ok(()))
+    }
+
+    #[getter]
+    fn joint_torques<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        self.table(py, Finger::motor_torques)
+    }
+
+    fn tip_poses<'py>(&self, py: Python<'py>) -> PyResult<Poses<'py>> {
+        let poses: Vec<Pose> = self.read(py, |world, hand| {
+            let tips = hand.model.tips().iter().enumerate();
+            tips.map(|(i, tip)| world.finger(self.handle, i).map(|f| f.link_pose(f.model().dof() - 1) * tip.apex())).collect()
+        })?;
+        let turns = poses.iter().flat_map(|p| [p.rotation.w, p.rotation.i, p.rotation.j, p.rotation.k]).collect();
+        Ok((conv::from_points(py, poses.iter().map(|p| p.translation.vector))?, conv::rows(py, turns, 4)?))
+    }
+
+    fn inverse_kinematics<'py>(
+        &self,
+        py: Python<'py>,
+        finger: i64,
+        position: &Bound<'_, PyAny>,
+        normal: &Bound<'_, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray1<Real>>> {
+        let finger = conv::count(py, "finger", finger)?;
+        let goal = TipGoal::facing(conv::vec3(position, "position")?, conv::vec3(normal, "normal")?).or_raise(py)?;
+        let found = self.read(py, |world, hand| {
+            let body = world.finger(self.handle, finger)?;
+            let tip = hand.model.tips()[finger].apex();
+            let found = inverse_kinematics(body.model(), &tip, &goal, body.joint_positions(), &IkOptions::default())?;
+            Ok(found.converged.then(|| found.positions[..body.model().dof()].to_vec()).ok_or(found))
+        })?;
+        found.map(|joints| conv::from_vec(py, joints)).map_err(|best| {
+            let (mm, degrees) = (1e3 * best.position_error, best.angle_error.to_degrees());
+            let got = format!("{:?} m, missed by {mm:.2} mm and {degrees:.2} degrees", goal.position.as_slice());
+            let expected = "a place and a direction that the finger reaches";
+            to_py(py, &Error::value("position", expected, got, "aim nearer to the palm, or move the hand"))
+        })
+    }
+
+    fn deformed_points<'py>(&self, py: Python<'py>, finger: i64) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        let points = self.entry(py, finger, deformed_points)?;
+        conv::from_points(py, points)
+    }
+
+    fn displacements<'py>(&self, py: Python<'py>, finger: i64) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        let values = self.entry(py, finger, displacements)?;
+        conv::from_points(py, values)
+    }
+
+    #[pyo3(signature = (starts, directions, *, squeeze = 4.0, shares = None))]
+    fn grip(
+        &self,
+        py: Python<'_>,
+        starts: &Bound<'_, PyAny>,
+        directions: &Bound<'_, PyAny>,
+        squeeze: Real,
+        shares: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Grip> {
+        let (starts, directions) = (conv::points(starts, "starts")?, conv::points(directions, "directions")?);
+        // Pads that close the same way share the squeeze.
+        let alike = |a: &Vec3| directions.iter().filter(|b| a.dot(b) > 0.0).count().max(1) as Real;
+        let shares = match shares {
+            Some(shares) => conv::vector(shares, "shares")?,
+            None => directions.iter().map(|d| 1.0 / alike(d)).collect(),
+        };
+        if directions.len() != starts.len() || shares.len() != starts.len() {
+            let got = format!("{} starts, {} directions, {} shares", starts.len(), directions.len(), shares.len());
+            return Err(to_py(py, &Error::shape("paths of the pads", "as many of each", got, "give one of each per finger")));
+        }
+        let paths = starts.iter().zip(&directions).zip(&shares);
+        let paths: Vec<PadPath> = paths.map(|((&start, &direction), &share)| PadPath { start, direction, share }).collect();
+        let grip = quasirigid::grip::Grip::new(&mut self.world.get().lock(py), self.handle, &paths, squeeze).or_raise(py)?;
+        Ok(Grip::new(self.world.clone_ref(py), grip))
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> String {
+        let text = self.read(py, |_, hand| Ok(format!("Hand({:?}, {} fingers)", hand.model.name(), hand.fingers.len())));
+        text.unwrap_or_else(|_| "Hand(removed)".into())
+    }
+}

@@ -1,0 +1,61 @@
+//! `HandModel`.
+
+use crate::conv;
+use crate::errors::OrRaise;
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+use quasirigid::body::{FingerModel, JointModel};
+use quasirigid::math::Real;
+
+/// The constant part of a hand: fingers, joints, limits, gains.
+#[pyclass(frozen, module = "quasirigid._quasirigid")]
+pub struct HandModel {
+    pub(crate) engine: quasirigid::body::HandModel,
+}
+
+/// One number per joint, (fingers, joints). All fingers of a hand have as many joints as the first.
+pub fn per_joint<'py>(py: Python<'py>, fingers: &[FingerModel], of: impl Fn(&JointModel) -> Real) -> PyResult<Bound<'py, PyArray2<Real>>> {
+    conv::rows(py, fingers.iter().flat_map(|finger| finger.joints().iter().map(&of)).collect(), fingers[0].dof())
+}
+
+#[pymethods]
+impl HandModel {
+    #[staticmethod]
+    fn three_finger(py: Python<'_>) -> PyResult<Self> {
+        Ok(Self { engine: quasirigid::body::HandModel::three_finger().or_raise(py)? })
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        self.engine.name()
+    }
+
+    #[getter]
+    fn finger_names(&self) -> Vec<&str> {
+        self.engine.fingers().iter().map(FingerModel::name).collect()
+    }
+
+    #[getter]
+    fn joint_names(&self) -> Vec<&str> {
+        self.engine.fingers()[0].joints().iter().map(|joint| joint.name.as_str()).collect()
+    }
+
+    #[getter]
+    fn lower_limits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        per_joint(py, self.engine.fingers(), |joint| joint.lower)
+    }
+
+    #[getter]
+    fn upper_limits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        per_joint(py, self.engine.fingers(), |joint| joint.upper)
+    }
+
+    #[getter]
+    fn pad_semi_axes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
+        conv::from_vec3(py, &self.engine.tips()[0].pad_semi_axes)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("HandModel({:?}, fingers={:?})", self.engine.name(), self.finger_names())
+    }
+}

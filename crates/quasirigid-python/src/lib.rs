@@ -1,0 +1,52 @@
+//! The compiled module `quasirigid._quasirigid`: one file per class, conversions in `conv`, errors in `errors`. No physics here.
+//!
+//! Docstrings live in `python/quasirigid/_quasirigid.pyi`, where editors and type checkers read them.
+
+mod body;
+mod contacts;
+mod conv;
+mod errors;
+mod grip;
+mod hand;
+mod hand_model;
+mod mass_properties;
+mod material;
+mod report;
+mod surface;
+mod world;
+
+use pyo3::prelude::*;
+
+/// The compiled engine of quasirigid.
+#[pymodule]
+mod _quasirigid {
+    #[pymodule_export]
+    use crate::body::Body;
+    #[pymodule_export]
+    use crate::contacts::{ContactStatus, Contacts};
+    #[pymodule_export]
+    use crate::grip::Grip;
+    #[pymodule_export]
+    use crate::hand::Hand;
+    #[pymodule_export]
+    use crate::hand_model::HandModel;
+    #[pymodule_export]
+    use crate::mass_properties::MassProperties;
+    #[pymodule_export]
+    use crate::material::Material;
+    #[pymodule_export]
+    use crate::report::StepReport;
+    #[pymodule_export]
+    use crate::surface::Surface;
+    #[pymodule_export]
+    use crate::world::World;
+
+    use pyo3::prelude::*;
+    use pyo3::types::PyTuple;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("STAGES", PyTuple::new(module.py(), quasirigid::report::STAGES)?)
+    }
+}

@@ -1,0 +1,90 @@
+//! `MassProperties`.
+
+use crate::conv;
+use crate::errors::{OrRaise, to_py};
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+use quasirigid::Error;
+use quasirigid::body::Amount;
+use quasirigid::math::Real;
+
+/// Mass, centre of mass and inertia of a rigid body.
+#[pyclass(frozen, module = "quasirigid._quasirigid")]
+pub struct MassProperties {
+    pub(crate) engine: quasirigid::body::MassProperties,
+}
+
+fn amount(py: Python<'_>, mass: Option<Real>, density: Option<Real>) -> PyResult<Amount> {
+    match (mass, density) {
+        (Some(mass), None) => Ok(Amount::Mass(mass)),
+        (None, Some(density)) => Ok(Amount::Density(density)),
+        (given, _) => {
+            let got = if given.is_some() { "both" } else { "neither" };
+            Err(to_py(py, &Error::value("mass and density", "one of the two", got, "give mass=... (kg) or density=... (kg/m^3)")))
+        }
+    }
+}
+
+impl From<quasirigid::body::MassProperties> for MassProperties {
+    fn from(engine: quasirigid::body::MassProperties) -> Self {
+        Self { engine }
+    }
+}
+
+#[pymethods]
+impl MassProperties {
+    #[new]
+    fn new(py: Python<'_>, mass: Real, centre: &Bound<'_, PyAny>, inertia: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let (centre, inertia) = (conv::vec3(centre, "centre")?, conv::mat3(inertia, "inertia")?);
+        quasirigid::body::MassProperties::new(mass, centre, inertia).map(Self::from).or_raise(py)
+    }
+
+    #[staticmethod]
+    #[pyo3(name = "box", signature = (size, *, mass = None, density = None))]
+    fn cuboid(py: Python<'_>, size: &Bound<'_, PyAny>, mass: Option<Real>, density: Option<Real>) -> PyResult<Self> {
+        let size = conv::vec3(size, "size")?;
+        quasirigid::body::MassProperties::cuboid(size, amount(py, mass, density)?).map(Self::from).or_raise(py)
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (radius, *, mass = None, density = None))]
+    fn sphere(py: Python<'_>, radius: Real, mass: Option<Real>, density: Option<Real>) -> PyResult<Self> {
+        quasirigid::body::MassProperties::sphere(radius, amount(py, mass, density)?).map(Self::from).or_raise(py)
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (radius, length, *, mass = None, density = None))]
+    fn capsule(py: Python<'_>, radius: Real, length: Real, mass: Option<Real>, density: Option<Real>) -> PyResult<Self> {
+        quasirigid::body::MassProperties::capsule(radius, length, amount(py, mass, density)?).map(Self::from).or_raise(py)
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (radius, length, *, mass = None, density = None))]
+    fn cylinder(py: Python<'_>, radius: Real, length: Real, mass: Option<Real>, density: Option<Real>) -> PyResult<Self> {
+        quasirigid::body::MassProperties::cylinder(radius, length, amount(py, mass, density)?).map(Self::from).or_raise(py)
+    }
+
+    #[getter]
+    fn mass(&self) -> Real {
+        self.engine.mass()
+    }
+
+    #[getter]
+    fn centre<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
+        conv::from_vec3(py, self.engine.center_of_mass())
+    }
+
+    #[getter]
+    fn inertia<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        conv::from_mat3(py, self.engine.inertia())
+    }
+
+    fn scaled_to_mass(&self, py: Python<'_>, mass: Real) -> PyResult<Self> {
+        self.engine.scaled_to_mass(mass).map(Self::from).or_raise(py)
+    }
+
+    fn __repr__(&self) -> String {
+        let c = self.engine.center_of_mass();
+        format!("MassProperties(mass={}, centre=({}, {}, {}))", self.mass(), c.x, c.y, c.z)
+    }
+}

@@ -1,0 +1,106 @@
+//! `Material`.
+
+use crate::errors::{OrRaise, to_py};
+use pyo3::prelude::*;
+use quasirigid::Error;
+use quasirigid::body::ComplianceModel;
+use quasirigid::math::Real;
+
+/// What a surface is made of. Immutable; `replace` gives a changed copy.
+#[pyclass(frozen, module = "quasirigid._quasirigid")]
+pub struct Material {
+    pub(crate) engine: quasirigid::body::Material,
+}
+
+#[pymethods]
+impl Material {
+    #[staticmethod]
+    fn preset(py: Python<'_>, name: &str) -> PyResult<Self> {
+        Ok(Self { engine: quasirigid::body::Material::preset(name).or_raise(py)? })
+    }
+
+    #[staticmethod]
+    fn preset_names() -> Vec<&'static str> {
+        quasirigid::body::Material::preset_names().collect()
+    }
+
+    #[allow(clippy::too_many_arguments)] // keyword arguments, one for each field
+    #[pyo3(signature = (*, name = None, density = None, friction = None, young_modulus = None, poisson_ratio = None, layer_thickness = None,
+                        relaxation_time = None, compliance = None))]
+    fn replace(
+        &self,
+        py: Python<'_>,
+        name: Option<String>,
+        density: Option<Real>,
+        friction: Option<Real>,
+        young_modulus: Option<Real>,
+        poisson_ratio: Option<Real>,
+        layer_thickness: Option<Real>,
+        relaxation_time: Option<Real>,
+        compliance: Option<&str>,
+    ) -> PyResult<Self> {
+        let old = &self.engine;
+        let mut new = quasirigid::body::Material { name: name.unwrap_or_else(|| old.name.clone()), ..old.clone() };
+        new = new.with_density(density.unwrap_or(old.density)).or_raise(py)?;
+        new = new.with_friction(friction.unwrap_or(old.friction)).or_raise(py)?;
+        new = new.with_relaxation_time(relaxation_time.unwrap_or(old.relaxation_time)).or_raise(py)?;
+        if young_modulus.is_some() || poisson_ratio.is_some() || layer_thickness.is_some() {
+            let (e, nu) = (young_modulus.unwrap_or(old.young_modulus), poisson_ratio.unwrap_or(old.poisson_ratio));
+            new = new.with_elasticity(e, nu, layer_thickness.unwrap_or(old.layer_thickness)).or_raise(py)?;
+        }
+        let model = match compliance {
+            None => new.model,
+            Some("local") => new.local().or_raise(py)?,
+            Some("half-space") => ComplianceModel::HalfSpace,
+            Some(other) => {
+                let error = Error::unknown("compliance", "\"local\" or \"half-space\"", format!("{other:?}"), "choose one of them");
+                return Err(to_py(py, &error));
+            }
+        };
+        Ok(Self { engine: new.with_model(model).or_raise(py)? })
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        &self.engine.name
+    }
+
+    #[getter]
+    fn density(&self) -> Real {
+        self.engine.density
+    }
+
+    #[getter]
+    fn friction(&self) -> Real {
+        self.engine.friction
+    }
+
+    #[getter]
+    fn young_modulus(&self) -> Real {
+        self.engine.young_modulus
+    }
+
+    #[getter]
+    fn poisson_ratio(&self) -> Real {
+        self.engine.poisson_ratio
+    }
+
+    #[getter]
+    fn layer_thickness(&self) -> Real {
+        self.engine.layer_thickness
+    }
+
+    #[getter]
+    fn relaxation_time(&self) -> Real {
+        self.engine.relaxation_time
+    }
+
+    #[getter]
+    fn compliance(&self) -> &'static str {
+        if self.engine.model == ComplianceModel::HalfSpace { "half-space" } else { "local" }
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Material({:?}, friction={}, compliance={:?})", self.engine.name, self.engine.friction, self.compliance())
+    }
+}

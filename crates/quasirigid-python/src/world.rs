@@ -1,0 +1,236 @@
+//! `World`: the engine behind a lock, so that other Python threads may look at it while one steps.
+
+use crate::body::Body;
+use crate::contacts::Contacts;
+use crate::conv;
+use crate::errors::{OrRaise, to_py};
+use crate::hand::Hand;
+use crate::hand_model::HandModel;
+use crate::mass_properties::MassProperties;
+use crate::material::Material;
+use crate::report::StepReport;
+use crate::surface::Surface;
+use numpy::PyArray1;
+use pyo3::prelude::*;
+use pyo3::sync::MutexExt;
+use quasirigid::body::{Amount, Motion, RigidBody};
+use quasirigid::math::{Pose, Real, Rot, Vec3};
+use quasirigid::surface::shapes;
+use quasirigid::{Error, Parameters};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// How often a long run of steps looks for Ctrl-C.
+const SIGNALS_EVERY: Duration = Duration::from_millis(50);
+
+/// Bodies, hands and time.
+#[pyclass(frozen, module = "quasirigid._quasirigid")]
+pub struct World {
+    engine: Mutex<quasirigid::World>,
+}
+
+impl World {
+    /// The engine, waiting without the GIL if another thread steps it.
+    pub fn lock(&self, py: Python<'_>) -> MutexGuard<'_, quasirigid::World> {
+        self.engine.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn motion(py: Python<'_>, name: &str, known: &str) -> PyResult<Option<Motion>> {
+    match name {
+        "inertial" => Ok(Some(Motion::Inertial)),
+        "quasi-static" => Ok(Some(Motion::QuasiStatic)),
+        "fixed" if known.contains("fixed") => Ok(None),
+        other => Err(to_py(py, &Error::unknown("motion", known, format!("{other:?}"), "choose one of them"))),
+    }
+}
+
+fn optional_pose(position: Option<&Bound<'_, PyAny>>, quaternion: Option<&Bound<'_, PyAny>>) -> PyResult<Pose> {
+    let position = position.map_or(Ok(Vec3::zeros()), |p| conv::vec3(p, "position"))?;
+    let rotation = quaternion.map_or(Ok(Rot::identity()), |q| conv::quaternion(q, "quaternion"))?;
+    Ok(Pose::from_parts(position.into(), rotation))
+}
+
+/// Mass properties given as such, or as a number with the inertia of the bounding box.
+fn mass_properties(mass: Option<&Bound<'_, PyAny>>, surface: &Surface, py: Python<'_>) -> PyResult<quasirigid::body::MassProperties> {
+    let Some(mass) = mass else {
+        let hint = "give mass=MassProperties... or a number, or motion=\"fixed\"";
+        return Err(to_py(py, &Error::value("mass", "the mass of a body that is free to move", "none", hint)));
+    };
+    if let Ok(given) = mass.cast::<MassProperties>() {
+        return Ok(given.get().engine);
+    }
+    let kg: Real = mass.extract().map_err(|_| {
+        to_py(py, &Error::value("mass", "MassProperties or a number (kg)", mass.get_type(), "see MassProperties.box and its siblings"))
+    })?;
+    let points = &surface.engine.points;
+    let (low, high) = points.iter().fold((points[0], points[0]), |(low, high), p| (low.inf(p), high.sup(p)));
+    let cuboid = quasirigid::body::MassProperties::cuboid(high - low, Amount::Mass(kg)).or_raise(py)?;
+    cuboid.transformed(&Pose::from_parts(((low + high) * 0.5).into(), Rot::identity())).or_raise(py)
+}
+
+#[pymethods]
+impl World {
+    #[new]
+    #[allow(clippy::too_many_arguments)] // keyword arguments
+    #[pyo3(signature = (dt = 1e-3, gravity = None, *, threads = 1, tolerance = 1e-8, max_sweeps = 1000, time_budget = None,
+                        traversal_budget = None, contact_margin = None))]
+    fn new(
+        py: Python<'_>,
+        dt: Real,
+        gravity: Option<&Bound<'_, PyAny>>,
+        threads: i64,
+        tolerance: Real,
+        max_sweeps: i64,
+        time_budget: Option<Real>,
+        traversal_budget: Option<i64>,
+        contact_margin: Option<Real>,
+    ) -> PyResult<Self> {
+        let mut params = Parameters { dt, ..Parameters::default() };
+        if let Some(gravity) = gravity {
+            params.gravity = conv::vec3(gravity, "gravity")?;
+        }
+        params.threads = conv::count(py, "threads", threads)?;
+        params.solver.tolerance = tolerance;
+        params.solver.max_sweeps = conv::count(py, "max_sweeps", max_sweeps)?.try_into().unwrap_or(u32::MAX);
+        if let Some(budget) = time_budget {
+            quasirigid::error::check_positive("time_budget", budget, "s").or_raise(py)?;
+            params.solver.time_budget = Duration::try_from_secs_f64(budget).ok();
+        }
+        if let Some(budget) = traversal_budget {
+            params.traversal_budget = conv::count(py, "traversal_budget", budget)?;
+        }
+        if let Some(margin) = contact_margin {
+            params.contact_margin = margin;
+        }
+        Ok(Self { engine: Mutex::new(quasirigid::World::new(params).or_raise(py)?) })
+    }
+
+    #[getter]
+    fn dt(&self, py: Python<'_>) -> Real {
+        self.lock(py).parameters().dt
+    }
+
+    #[getter]
+    fn gravity<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
+        let gravity = self.lock(py).parameters().gravity;
+        conv::from_vec3(py, &gravity)
+    }
+
+    #[getter]
+    fn time(&self, py: Python<'_>) -> Real {
+        self.lock(py).time()
+    }
+
+    #[getter]
+    fn steps(&self, py: Python<'_>) -> u64 {
+        self.lock(py).steps()
+    }
+
+    #[allow(clippy::too_many_arguments)] // keyword arguments
+    #[pyo3(signature = (surface, material, *, mass = None, motion = "inertial", position = None, quaternion = None, name = None, viscosity = None))]
+    fn add_body(
+        this: &Bound<'_, Self>,
+        surface: &Surface,
+        material: &Material,
+        mass: Option<&Bound<'_, PyAny>>,
+        motion: &str,
+        position: Option<&Bound<'_, PyAny>>,
+        quaternion: Option<&Bound<'_, PyAny>>,
+        name: Option<String>,
+        viscosity: Option<(Real, Real)>,
+    ) -> PyResult<Body> {
+        let py = this.py();
+        let pose = optional_pose(position, quaternion)?;
+        let name = name.unwrap_or_else(|| "body".into());
+        let mut body = match self::motion(py, motion, "\"inertial\", \"quasi-static\" or \"fixed\"")? {
+            Some(motion) => RigidBody::free(name, mass_properties(mass, surface, py)?, motion, pose),
+            None => RigidBody::fixed(name, pose),
+        }
+        .or_raise(py)?;
+        if let Some((linear, angular)) = viscosity {
+            body.set_viscosity(linear, angular).or_raise(py)?;
+        }
+        let handle = this.get().lock(py).add_body(body, Some((surface.engine.clone(), material.engine.clone())));
+        Ok(Body { world: this.clone().unbind(), handle })
+    }
+
+    #[allow(clippy::too_many_arguments)] // keyword arguments
+    #[pyo3(signature = (model = None, *, position = None, quaternion = None, material = None, motion = "inertial", points = 2400, control_points = 320))]
+    fn add_hand(
+        this: &Bound<'_, Self>,
+        model: Option<&HandModel>,
+        position: Option<&Bound<'_, PyAny>>,
+        quaternion: Option<&Bound<'_, PyAny>>,
+        material: Option<&Material>,
+        motion: &str,
+        points: i64,
+        control_points: i64,
+    ) -> PyResult<Hand> {
+        let py = this.py();
+        let model = match model {
+            Some(model) => model.engine.clone(),
+            None => quasirigid::body::HandModel::three_finger().or_raise(py)?,
+        };
+        let material = match material {
+            Some(material) => material.engine.clone(),
+            None => quasirigid::body::Material::preset("fingertip_pulp").or_raise(py)?,
+        };
+        let pose = optional_pose(position, quaternion)?;
+        let motion = self::motion(py, motion, "\"inertial\" or \"quasi-static\"")?.unwrap_or(Motion::Inertial);
+        let pad = shapes::sample_fingertip(model.tips()[0].pad_semi_axes, conv::count(py, "points", points)?).or_raise(py)?;
+        let control_points = Some(conv::count(py, "control_points", control_points)?);
+        let handle = this.get().lock(py).add_hand(&model, pose, motion, &pad, control_points, &material).or_raise(py)?;
+        Ok(Hand { world: this.clone().unbind(), handle })
+    }
+
+    fn remove(&self, py: Python<'_>, handle: &Bound<'_, PyAny>) -> PyResult<()> {
+        if let Ok(body) = handle.cast::<Body>() {
+            return self.lock(py).remove_body(body.get().handle).or_raise(py);
+        }
+        if let Ok(hand) = handle.cast::<Hand>() {
+            return self.lock(py).remove_hand(hand.get().handle).or_raise(py);
+        }
+        Err(to_py(py, &Error::handle("remove", "a Body or a Hand", handle.get_type(), "give what add_body or add_hand returned")))
+    }
+
+    #[pyo3(signature = (n = 1))]
+    fn step(&self, py: Python<'_>, n: i64) -> PyResult<StepReport> {
+        let mut left = conv::count(py, "n", n)?;
+        if left == 0 {
+            return Err(to_py(py, &Error::value("n", "at least 1 step", 0, "ask for a step to get a report")));
+        }
+        loop {
+            // The lock is taken and let go without the GIL: whoever waits for it holds nothing that this thread needs.
+            let report = py.detach(|| {
+                let mut engine = self.engine.lock().unwrap_or_else(PoisonError::into_inner);
+                let start = Instant::now();
+                loop {
+                    let report = engine.step();
+                    left -= 1;
+                    if left == 0 || start.elapsed() > SIGNALS_EVERY {
+                        let quarantined = report.quarantined.iter().filter_map(|&body| engine.dense(body).ok()).collect();
+                        break StepReport { engine: report, quarantined };
+                    }
+                }
+            });
+            py.check_signals()?;
+            if left == 0 {
+                return Ok(report);
+            }
+        }
+    }
+
+    fn contacts(&self, py: Python<'_>) -> Contacts {
+        Contacts::of(&self.lock(py))
+    }
+
+    fn state_hash(&self, py: Python<'_>) -> u64 {
+        self.lock(py).state_hash()
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> String {
+        let engine = self.lock(py);
+        format!("World({} bodies, dt={}, time={:.6})", engine.bodies().len(), engine.parameters().dt, engine.time())
+    }
+}

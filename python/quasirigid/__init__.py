@@ -1,0 +1,72 @@
+"""Real-time grasping with soft fingertips: contact patches and exact Coulomb friction.
+
+>>> import quasirigid as qr
+>>> world = qr.World()
+>>> ball = world.add_body(qr.Surface.sphere(0.03, points=2000), qr.Material.preset("rubber"), mass=0.1, position=(0, 0, 1))
+>>> report = world.step(100)
+>>> bool(ball.position[2] < 0.96)
+True
+"""
+
+from quasirigid._quasirigid import (
+    STAGES,
+    Body,
+    Contacts,
+    ContactStatus,
+    Grip,
+    Hand,
+    HandModel,
+    MassProperties,
+    Material,
+    StepReport,
+    Surface,
+    World,
+    __version__,
+)
+from quasirigid.errors import (
+    DegenerateSurfaceError,
+    GraspPlanError,
+    InvalidHandleError,
+    InvalidShapeError,
+    InvalidValueError,
+    ObjectFileError,
+    QuasirigidError,
+    SurfaceWarning,
+    UnknownNameError,
+)
+from quasirigid.grasp_plan import GraspPlan, HandGeometry, plan_grasp
+from quasirigid.objects import ObjectGeometry, load_object
+from quasirigid.recording import Column, Recorder, Recording
+
+__all__ = [
+    "STAGES",
+    "Body",
+    "Column",
+    "ContactStatus",
+    "Contacts",
+    "DegenerateSurfaceError",
+    "GraspPlan",
+    "GraspPlanError",
+    "Grip",
+    "Hand",
+    "HandGeometry",
+    "HandModel",
+    "InvalidHandleError",
+    "InvalidShapeError",
+    "InvalidValueError",
+    "MassProperties",
+    "Material",
+    "ObjectFileError",
+    "ObjectGeometry",
+    "QuasirigidError",
+    "Recorder",
+    "Recording",
+    "StepReport",
+    "Surface",
+    "SurfaceWarning",
+    "UnknownNameError",
+    "World",
+    "__version__",
+    "load_object",
+    "plan_grasp",
+]

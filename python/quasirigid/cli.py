@@ -1,0 +1,297 @@
+"""The command line: ``quasirigid grasp``, ``quasirigid materials``.
+
+Standard output carries the result, standard error everything else. Exit code 0 is a finished run (a dropped object is a
+result too), 2 bad input, 130 an interrupt, 1 a bug.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from enum import Enum
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+from rich.console import Console, Group
+from rich.markup import escape
+from rich.panel import Panel
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from quasirigid.errors import QuasirigidError
+
+if TYPE_CHECKING:
+    from quasirigid.grasp import GraspResult
+
+# What the commands need is imported when they run: `--help` must not wait for matplotlib.
+
+app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="rich", pretty_exceptions_enable=False)
+
+EXAMPLES = """[bold]Examples[/bold]
+
+[cyan]quasirigid grasp[/cyan]  a box of 0.2 kg, held by three soft fingers
+
+[cyan]quasirigid grasp --friction 0.05[/cyan]  too slippery: see it fall
+
+[cyan]quasirigid grasp --object bunny.obj --size 0.08[/cyan]  an object of your own, scaled to 8 cm
+
+[cyan]quasirigid grasp --object-motion quasi-static --compliance local[/cyan]  the model of the paper
+
+[cyan]quasirigid grasp --json | jq .drift_m_per_s[/cyan]  one figure for a script
+"""
+
+
+class Compliance(str, Enum):
+    """How surfaces yield."""
+
+    local = "local"
+    half_space = "half-space"
+
+
+class ObjectMotion(str, Enum):
+    """Whether bodies have inertia."""
+
+    inertial = "inertial"
+    quasi_static = "quasi-static"
+
+
+class Terminated(KeyboardInterrupt):
+    """The process was asked to end (SIGTERM): handled like Ctrl-C, so that the files stay readable."""
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from quasirigid._quasirigid import __version__
+
+        typer.echo(f"quasirigid {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")] = False,
+) -> None:
+    """Real-time grasping with soft fingertips: contact patches and exact Coulomb friction."""
+
+
+OBJECT, PHYSICS, RUN = "Object", "Physics", "Run and output"
+
+
+@app.command(epilog=EXAMPLES)
+def grasp(
+    object_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--object",
+            metavar="FILE",
+            help="Mesh or point cloud (OBJ, PLY, STL, OFF, GLB, XYZ, NPY). Default: a box of 60 x 60 x 80 mm.",
+            rich_help_panel=OBJECT,
+        ),
+    ] = None,
+    scale: Annotated[
+        float | None, typer.Option(help="Factor on the file's coordinates, such as 0.001 for millimetres.", rich_help_panel=OBJECT)
+    ] = None,
+    size: Annotated[
+        float | None,
+        typer.Option(metavar="METRES", help="Largest extent that the object shall have, in place of --scale.", rich_help_panel=OBJECT),
+    ] = None,
+    mass: Annotated[
+        float | None,
+        typer.Option(
+            metavar="KG", help="Mass of the object. Default: 0.2 for the box, else from the material's density.", rich_help_panel=OBJECT
+        ),
+    ] = None,
+    points: Annotated[
+        int | None,
+        typer.Option(help="Points on the object's surface. Default: 36,000 on the box, 20,000 on others.", rich_help_panel=OBJECT),
+    ] = None,
+    friction: Annotated[
+        float | None,
+        typer.Option(help="Coulomb coefficient between fingers and object. Default: that of the materials.", rich_help_panel=PHYSICS),
+    ] = None,
+    material: Annotated[
+        str, typer.Option(metavar="NAME", help="The object's material; see `quasirigid materials`.", rich_help_panel=PHYSICS)
+    ] = "wood",
+    squeeze: Annotated[
+        float | None,
+        typer.Option(
+            metavar="NEWTON", help="Force of the thumb. Default: 4, and more for a heavy object from a file.", rich_help_panel=PHYSICS
+        ),
+    ] = None,
+    compliance: Annotated[
+        Compliance, typer.Option(help="How surfaces yield: the paper's local model or an elastic half-space.", rich_help_panel=PHYSICS)
+    ] = Compliance.local,
+    object_motion: Annotated[
+        ObjectMotion, typer.Option(help="Bodies with inertia, or the paper's without.", rich_help_panel=PHYSICS)
+    ] = ObjectMotion.inertial,
+    dt: Annotated[float, typer.Option(metavar="SECONDS", help="Time step.", rich_help_panel=RUN)] = 1e-3,
+    hold: Annotated[float, typer.Option(metavar="SECONDS", help="Length of the first hold.", rich_help_panel=RUN)] = 2.0,
+    threads: Annotated[int, typer.Option(help="Threads; the result is the same for any number.", rich_help_panel=RUN)] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the sampling of the object's surface.", rich_help_panel=RUN)] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON and nothing else.", rich_help_panel=RUN)] = False,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Where summary.json, recording.h5 and the plots go.", rich_help_panel=RUN)
+    ] = Path("out/grasp"),
+) -> None:
+    """Grasp an object, hold it, lift it, shake it, put it down; report how well it was held."""
+    from quasirigid.grasp import run_grasp
+    from quasirigid.grasp_options import GraspOptions
+
+    options = GraspOptions(
+        object=object_file,
+        scale=scale,
+        size=size,
+        mass=mass,
+        points=points,
+        friction=friction,
+        material=material,
+        dt=dt,
+        hold=hold,
+        squeeze=squeeze,
+        compliance=compliance.value,
+        object_motion=object_motion.value,
+        threads=threads,
+        seed=seed,
+    )
+    try:
+        with _terminable(), _progress(quiet=as_json) as progress:
+            result = run_grasp(options, out, progress=progress)
+    except KeyboardInterrupt as stop:
+        _say(f"interrupted; what was recorded so far is in {out}")
+        raise typer.Exit(143 if isinstance(stop, Terminated) else 130) from None
+    if as_json:
+        typer.echo(json.dumps(result.summary, indent=2, allow_nan=False))
+    else:
+        Console().print(_panel(result))
+
+
+@app.command()
+def materials() -> None:
+    """List the materials that --material knows."""
+    from quasirigid._quasirigid import Material
+
+    table = Table(title="Materials", title_justify="left", header_style="bold", box=None, pad_edge=False)
+    table.add_column("name", style="cyan")
+    for heading in (
+        "density\nkg/m³",
+        "friction\n(on itself)",
+        "Young's modulus\nMPa",
+        "Poisson's\nratio",
+        "soft layer\nmm",
+        "relaxation\nms",
+    ):
+        table.add_column(heading, justify="right")
+    for name in Material.preset_names():
+        m = Material.preset(name)
+        figures = (m.density, m.friction, 1e-6 * m.young_modulus, m.poisson_ratio, 1e3 * m.layer_thickness, 1e3 * m.relaxation_time)
+        table.add_row(name, *(f"{figure:,.4g}" if figure < 1e4 else f"{figure:,.0f}" for figure in figures))
+    Console().print(table)
+    Console().print("[dim]Two materials have the geometric mean of their frictions. The fingers are of fingertip_pulp.[/dim]")
+
+
+def _panel(result: GraspResult) -> Panel:
+    s = result.summary
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(style="dim", min_width=16)
+    table.add_column()
+
+    def per_finger(key: str) -> str:
+        return "  ".join(f"{name.replace('_', ' ')} {force:.2f}" for name, force in zip(s["fingers"], s[key], strict=True)) + " N"
+
+    table.add_row(
+        "object", f"{escape(s['object'])}, {s['object_mass_kg']:.3g} kg, taken {s['approach']}, {1e3 * s['grasp_width_m']:.0f} mm wide"
+    )
+    table.add_row(
+        "squeeze", f"{s['squeeze_n']:.3g} N, friction {s['friction']:.2g}, {s['compliance']} compliance, {s['object_motion']} bodies"
+    )
+    if s["drift_m_per_s"] is not None:
+        drift = f"{1e9 * s['drift_m_per_s']:.2g} nm/s, {1e9 * s['spin_rad_per_s']:.2g} nrad/s"
+        table.add_row("drift", drift + " in the hand, over the last second of the hold")
+        table.add_row("pressing", per_finger("normal_force_n"))
+        table.add_row("friction", per_finger("tangential_force_n"))
+        table.add_row("slip margin", f"{100 * s['slip_margin']:.0f} % of the friction limit left on the weakest finger")
+        table.add_row("balance", f"weight and contact forces agree within {100 * s['support_error']:.2g} %")
+        table.add_row("overlap", f"{1e6 * s['overlap_max_m']:.2g} µm left at the deepest contact")
+    missed = f", [red]{s['unconverged_steps']} steps did not converge[/red]" if s["unconverged_steps"] else ", every step converged"
+    table.add_row("contacts", f"up to {s['contacts']}, residual up to {s['residual_max']:.1e}{missed}")
+    speed = f"{s['step_ms_median']:.3f} ms median, {s['step_ms_p99']:.3f} ms p99"
+    table.add_row("step", f"{speed}, {s['real_time_factor']:.2g} x real time, {s['steps']} steps")
+    notes = [f"[yellow]note[/yellow] {escape(note)}" for note in s["warnings"]]
+    where = f"[dim]summary, recording and {len(result.plots)} plots in[/dim] {escape(str(result.summary_file.parent))}"
+    verdict = "[bold green]held[/bold green]" if s["held"] else f"[bold red]dropped[/bold red] in the phase [bold]{_last_phase(s)}[/bold]"
+    return Panel(
+        Group(verdict, "", table, "", *notes, where),
+        title="grasp",
+        title_align="left",
+        border_style="green" if s["held"] else "red",
+        expand=False,
+    )
+
+
+def _last_phase(summary: dict[str, Any]) -> str:
+    names = [phase["name"] for phase in summary["phases"] if phase["name"] != "fall"]
+    return str(names[-1]) if names else "close"
+
+
+@contextmanager
+def _progress(*, quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
+    """A progress bar on standard error, if somebody is there to see it."""
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield None
+        return
+    parts = (TextColumn("{task.description:<14}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(*parts, console=console, transient=True) as bar:
+        task = bar.add_task("setting up", total=1.0)
+        yield lambda phase, done: bar.update(task, description=phase, completed=done)
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """Turns SIGTERM into an exception, so that files are closed on the way out."""
+
+    def stop(_number: int, _frame: FrameType | None) -> NoReturn:
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _say(text: str) -> None:
+    """One line on standard error."""
+    print(f"quasirigid: {' '.join(text.split())}", file=sys.stderr)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit code."""
+    command = typer.main.get_command(app)
+    try:
+        code = command.main(args=list(sys.argv[1:] if arguments is None else arguments), prog_name="quasirigid", standalone_mode=False)
+    except QuasirigidError as error:
+        _say(str(error))
+        return 2
+    except Exception as error:
+        # Usage errors of the command line parser; they know their own exit code (2).
+        if hasattr(error, "format_message"):
+            if error.format_message():  # empty when the help was shown for want of arguments
+                _say(f"{error.format_message()}; see `quasirigid --help`")
+            return int(getattr(error, "exit_code", 2))
+        if type(error).__name__ == "Abort":
+            return 130
+        if isinstance(error, OSError):
+            _say(f"{error.filename or 'a file'}: {error.strerror or error}; choose another place with --out")
+            return 2
+        raise
+    return code if isinstance(code, int) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,81 @@
+"""What can be wrong with input: one exception tree, and one warning.
+
+Every exception says what was looked at, what was expected, what came, and what to do.
+The compiled module raises the same classes.
+"""
+
+from __future__ import annotations
+
+__all__ = [
+    "DegenerateSurfaceError",
+    "GraspPlanError",
+    "InvalidHandleError",
+    "InvalidShapeError",
+    "InvalidValueError",
+    "ObjectFileError",
+    "QuasirigidError",
+    "SurfaceWarning",
+    "UnknownNameError",
+]
+
+
+class QuasirigidError(Exception):
+    """Root of every exception of the package.
+
+    Args:
+        what: the argument, field or file that is wrong.
+        expected: what would have been accepted, with unit.
+        got: what came.
+        hint: what to do about it.
+    """
+
+    what: str
+    expected: str
+    got: str
+    hint: str
+
+    def __init__(self, what: str, expected: str, got: object, hint: str) -> None:
+        self.what = what
+        self.expected = expected
+        self.got = str(got)
+        self.hint = hint
+        super().__init__(f"{what}: expected {expected}, got {self.got}; {hint}")
+
+    def __str__(self) -> str:
+        return f"{self.what}: expected {self.expected}, got {self.got}; {self.hint}"
+
+    def __reduce__(self) -> tuple[type[QuasirigidError], tuple[str, str, str, str]]:
+        # The default rebuilds from `args`, which holds the message alone: worker processes could not send these home.
+        return (type(self), (self.what, self.expected, self.got, self.hint))
+
+
+class InvalidValueError(QuasirigidError, ValueError):
+    """A number is NaN, infinite, of the wrong sign or out of range."""
+
+
+class InvalidShapeError(QuasirigidError, ValueError):
+    """An array has the wrong shape, or two arrays disagree."""
+
+
+class DegenerateSurfaceError(QuasirigidError, ValueError):
+    """Points or faces that do not make a usable surface."""
+
+
+class UnknownNameError(QuasirigidError, LookupError):
+    """A name that is not in the table it was looked up in."""
+
+
+class InvalidHandleError(QuasirigidError, LookupError):
+    """A handle whose body was removed, or that belongs to another world, or is of another kind."""
+
+
+class ObjectFileError(QuasirigidError, OSError):
+    """A file that is missing, unreadable or of an unknown format."""
+
+
+class GraspPlanError(QuasirigidError, ValueError):
+    """An object that the hand cannot take: too large, too small, or without opposing sides."""
+
+
+class SurfaceWarning(UserWarning):
+    """A surface that is usable but not perfect, such as one with holes."""

@@ -1,0 +1,364 @@
+"""The main job: a hand takes an object from a support, holds it, lifts it, shakes it, puts it down.
+
+The phases are those of ``quasirigid.summary.PHASES``. The hand closes and squeezes on an object that stands on a support;
+the joint targets are frozen; the support goes away; from there on nothing but friction carries the object.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from quasirigid._quasirigid import STAGES, Grip, Hand, HandModel, MassProperties, Material, Surface, World, __version__
+from quasirigid._quasirigid import Body as RigidBody
+from quasirigid.errors import InvalidValueError, SurfaceWarning
+from quasirigid.grasp_columns import columns, contact_rows
+from quasirigid.grasp_options import GraspOptions
+from quasirigid.grasp_plan import plan_grasp
+from quasirigid.objects import DEFAULT_POINTS, ObjectGeometry, load_object
+from quasirigid.plots import save_all
+from quasirigid.recording import Recorder, Recording
+from quasirigid.summary import PHASES, FloatArray, conjugate, rotate, summarise
+
+BOX_SIZE = (0.06, 0.06, 0.08)
+BOX_POINTS, BOX_CONTROL_POINTS = 36_000, 4_800
+BOX_MASS = 0.2
+BOX_SQUEEZE = 4.0
+FINGER_SPACING = 0.024
+"""Distance of the two fingers' pads, along the hand's y, m."""
+PAD_DEPTH = 0.085
+"""How far below the palm the pads meet the object, m."""
+OPENINGS = (0.012, 0.008, 0.005, 0.003)
+"""Clearances (m) between a pad and the object before closing; the widest that the fingers reach is taken."""
+PEDESTAL = (0.03, 0.03, 0.01)
+TABLE = 0.4
+SUPPORT_DROP = 0.08
+LIFT = 0.05
+SHAKE, SHAKE_FREQUENCY = 0.005, 3.0
+DURATIONS = {"close": 2.0, "squeeze": 3.0, "support away": 0.8, "lift": 1.0, "shake": 1.5}
+DURATIONS |= {"hold again": 1.5, "put down": 1.8, "release": 0.6, "fall": 0.3}
+"""Seconds. The first hold is as long as asked for; closing and squeezing end sooner when the grip says so."""
+CLOSING = {"close": "closing", "squeeze": "squeezing"}
+"""Phases that last while the grip is in this state."""
+STANDS_AT = 0.05
+"""Share of its weight that the fingers still carry when the object counts as put down."""
+SINK = 0.002
+"""How far below the place where it took the object the hand may go to put it down, m."""
+DROPPED_AT = 0.03
+"""Moved this far against the hand (m), the object is taken for dropped and the run ends with the phase ``fall``."""
+GRAVITY = 9.81
+
+Progress = Callable[[str, float], None]
+"""Told now and then the phase and the share of the whole run that is done."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """An object ready to be taken: its surface, where the hand goes, and how it stands. Object frame, m."""
+
+    name: str
+    surface: Surface
+    mass: MassProperties
+    lowest: float
+    hand: FloatArray
+    """(3, 3) hand frame to object frame."""
+    centre: FloatArray
+    """(3,) middle between the pads."""
+    width: float
+    approach: str
+    squeeze: float
+    warnings: tuple[str, ...] = ()
+
+
+def minimum_jerk(s: float) -> float:
+    """0 to 1 without a jolt at either end, for s from 0 to 1."""
+    s = min(max(s, 0.0), 1.0)
+    return s * s * s * (10.0 + s * (6.0 * s - 15.0))
+
+
+def quaternion_of(rotation: FloatArray) -> FloatArray:
+    """(w, x, y, z) of a rotation matrix."""
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat()
+    return np.array([w, x, y, z])
+
+
+def take_box(options: GraspOptions) -> Taken:
+    """The box of the paper's experiment, taken at its middle."""
+    points = options.points or BOX_POINTS
+    control = BOX_CONTROL_POINTS if options.points is None else None
+    return Taken(
+        name="box",
+        surface=Surface.box(BOX_SIZE, points=points, control_points=control),
+        mass=MassProperties.box(BOX_SIZE, mass=options.mass or BOX_MASS),
+        lowest=-BOX_SIZE[2] / 2,
+        hand=np.eye(3),
+        centre=np.zeros(3),
+        width=BOX_SIZE[0],
+        approach="from above",
+        squeeze=options.squeeze or BOX_SQUEEZE,
+    )
+
+
+def take_file(options: GraspOptions, friction: float, density: float) -> Taken:
+    """An object from a file, and a grasp found for it."""
+    assert options.object is not None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SurfaceWarning)  # reported in the summary
+        thing: ObjectGeometry = load_object(
+            options.object,
+            scale=options.scale,
+            size=options.size,
+            points=options.points or DEFAULT_POINTS,
+            density=None if options.mass else density,
+            mass=options.mass,
+            seed=options.seed,
+        )
+    surface = Surface.from_points(thing.points, thing.normals, thing.areas)
+    plan = plan_grasp(surface.points, surface.normals, thing.centre_of_mass, friction=max(friction, 0.2))
+    needed = thing.mass * GRAVITY / plan.weight_per_squeeze if plan.weight_per_squeeze > 0.0 else 0.0
+    return Taken(
+        name=thing.name,
+        surface=surface,
+        mass=MassProperties(thing.mass, thing.centre_of_mass, thing.inertia),
+        lowest=float(thing.points[:, 2].min()),
+        hand=np.asarray(plan.rotation),
+        centre=np.asarray(plan.centre),
+        width=plan.width,
+        approach=plan.approach,
+        squeeze=options.squeeze or max(BOX_SQUEEZE, 3.0 * needed),
+        warnings=tuple(thing.warnings),
+    )
+
+
+class Grasp:
+    """A world with a hand, an object and a support, and the script that moves them."""
+
+    def __init__(self, options: GraspOptions) -> None:
+        """Build the world. Raises the errors of ``quasirigid.errors`` for whatever cannot be built."""
+        options.check()
+        self.options = options
+        pad = Material.preset("fingertip_pulp").replace(compliance=options.compliance)
+        stuff = Material.preset(options.material).replace(compliance=options.compliance)
+        if options.friction is not None:
+            pad, stuff = pad.replace(friction=options.friction), stuff.replace(friction=options.friction)
+        self.friction = math.sqrt(pad.friction * stuff.friction)
+        self.taken = take_box(options) if options.object is None else take_file(options, self.friction, stuff.density)
+
+        self.world = World(dt=options.dt, gravity=(0.0, 0.0, -GRAVITY), threads=options.threads)
+        # A flat box stands on a small pedestal, whatever else on a table.
+        flat = options.object is None
+        support = Surface.box(PEDESTAL, points=2_000) if flat else Surface.half_space(TABLE, points=4_000)
+        self._support_top = np.array([0.0, 0.0, -PEDESTAL[2] / 2 if flat else 0.0])
+        rubber = Material.preset("rubber")
+        self.support = self.world.add_body(support, rubber, motion="fixed", position=self._support_top, name="support")
+        start = np.array([0.0, 0.0, -self.taken.lowest])
+        self.object = self.world.add_body(
+            self.taken.surface, stuff, mass=self.taken.mass, motion=options.object_motion, position=start, name=self.taken.name
+        )
+        # The palm sits PAD_DEPTH behind the middle between the pads, along the hand's own z axis.
+        self.palm = start + self.taken.centre + PAD_DEPTH * self.taken.hand[:, 2]
+        self.turn = quaternion_of(self.taken.hand)
+        model = HandModel.three_finger()
+        self.hand = self.world.add_hand(model, position=self.palm, quaternion=self.turn, material=pad, motion=options.object_motion)
+        self.grip = self._open_grip()
+        self.fingers = tuple(self.hand.finger_names)
+        self._finger_of = {body: finger for finger, body in enumerate(self.hand.body_indices)}
+        self._start_in_hand: FloatArray | None = None
+        self._carried = 0.0
+        self._stands = False
+
+    def _open_grip(self) -> Grip:
+        """A grip with every pad clear of the object by as much as its finger can open."""
+        sides = np.array([-1.0, 1.0, 1.0])
+        across = np.array([0.0, FINGER_SPACING / 2, -FINGER_SPACING / 2])
+        directions = np.outer(-sides, [1.0, 0.0, 0.0])
+        error: InvalidValueError | None = None
+        for clearance in OPENINGS:
+            starts = np.column_stack([sides * (self.taken.width / 2 + clearance), across, np.full(3, -PAD_DEPTH)])
+            try:
+                return self.hand.grip(starts, directions, squeeze=self.taken.squeeze)
+            except InvalidValueError as out_of_reach:
+                error = out_of_reach
+        assert error is not None
+        raise error
+
+    def run(self, recorder: Recorder, progress: Progress | None = None) -> None:
+        """Run all phases and record every step."""
+        dt = self.options.dt
+        script: list[tuple[str, float, Callable[[float], None]]] = [
+            ("close", DURATIONS["close"], _nothing),
+            ("squeeze", DURATIONS["squeeze"], _nothing),
+            ("support away", DURATIONS["support away"], self._lower_support),
+            ("hold", self.options.hold, _nothing),
+            ("lift", DURATIONS["lift"], self._lift),
+            ("shake", DURATIONS["shake"], self._shake),
+            ("hold again", DURATIONS["hold again"], _nothing),
+            ("put down", DURATIONS["put down"], self._put_down),
+            ("release", DURATIONS["release"], _nothing),
+        ]
+        # Closing ends when the fingers touch, squeezing when the forces have settled: a quarter of the time allowed is a fair guess.
+        total = sum(duration if name not in CLOSING else duration / 4 for name, duration, _ in script)
+        done, told = 0.0, 0.0
+        for name, duration, move in script:
+            steps = max(1, round(duration / dt))
+            if name == "support away":
+                self.grip.hold()
+            elif name == "hold":
+                self._start_in_hand = self._object_in_hand()
+            elif name == "release":
+                self._start_in_hand = None
+                self.grip.open()
+            for k in range(steps):
+                move((k + 1) / steps)
+                self._step(name, recorder)
+                now = time.monotonic()
+                if progress is not None and now - told > 0.05:
+                    told = now
+                    progress(name, min(1.0, (done + (k + 1) * dt) / total))
+                if name in CLOSING and self.grip.state != CLOSING[name]:
+                    break
+                if self._dropped():
+                    self._fall(recorder)
+                    return
+            if name == "close" and self.grip.state in ("closing", "missed"):
+                self._fall(recorder)  # closed on nothing
+                return
+            done += duration if name not in CLOSING else duration / 4
+        if progress is not None:
+            progress("release", 1.0)
+
+    def _fall(self, recorder: Recorder) -> None:
+        for _ in range(round(DURATIONS["fall"] / self.options.dt)):
+            self._step("fall", recorder)
+
+    def _lower_support(self, s: float) -> None:
+        # Squared: it leaves the object slowly, so that the fingers take the load without a jolt.
+        self.support.move_to(self._support_top - [0.0, 0.0, SUPPORT_DROP * minimum_jerk(s) ** 2])
+
+    def _lift(self, s: float) -> None:
+        self.hand.move_to(self.palm + np.array([0.0, 0.0, LIFT * minimum_jerk(s)]), self.turn)
+
+    def _shake(self, s: float) -> None:
+        t = s * DURATIONS["shake"]
+        swing = SHAKE * math.sin(2.0 * math.pi * SHAKE_FREQUENCY * t) * math.sin(math.pi * s) ** 2
+        self.hand.move_to(self.palm + np.array([swing * math.sqrt(0.5), swing * math.sqrt(0.5), LIFT]), self.turn)
+
+    def _put_down(self, s: float) -> None:
+        """The support comes back in the first third, then the hand goes down until the support carries the object."""
+        self.support.move_to(self._support_top - [0.0, 0.0, SUPPORT_DROP * (1.0 - minimum_jerk(3.0 * s))])
+        self._stands |= s > 0.5 and self._carried < STANDS_AT * self.taken.mass.mass * GRAVITY
+        if not self._stands:
+            self.hand.move_to(self.palm + np.array([0.0, 0.0, LIFT * (1.0 - minimum_jerk(1.5 * s - 0.5)) - SINK * s]), self.turn)
+
+    def _object_in_hand(self) -> FloatArray:
+        return rotate(conjugate(self.hand.quaternion), self.object.position - self.hand.position)
+
+    def _dropped(self) -> bool:
+        if self._start_in_hand is None:
+            return False
+        return bool(np.linalg.norm(self._object_in_hand() - self._start_in_hand) > DROPPED_AT)
+
+    def _step(self, phase: str, recorder: Recorder) -> None:
+        self.grip.update()
+        report = self.world.step()
+        row: dict[str, Any] = {
+            "time": self.world.time,
+            "phase": PHASES.index(phase),
+            "bodies/pose": [_pose(self.object), _pose(self.support), _pose(self.hand)],
+            "object/velocity": np.concatenate([self.object.linear_velocity, self.object.angular_velocity]),
+            "hand/joint_positions": self.hand.joint_positions,
+            "hand/joint_targets": self.hand.joint_targets,
+            "hand/joint_torques": self.hand.joint_torques,
+            "report/contacts": report.contacts,
+            "report/sweeps": report.sweeps,
+            "report/residual": report.residual,
+            "report/converged": report.converged,
+            "report/coarse": report.coarse,
+            "report/quarantined": len(report.quarantined),
+            "report/step_time": report.step_time,
+            "report/stage_times": [report.stage_times[name] for name in STAGES],
+        }
+        contacts = contact_rows(self.world.contacts(), self.object.index, self._finger_of, len(self.fingers))
+        self._carried = float(contacts["hand/force_on_object"][:, 2].sum())
+        row.update(contacts)
+        recorder.append(row)
+
+
+def _nothing(_: float) -> None:
+    """A phase in which only the grip acts."""
+
+
+def _pose(thing: RigidBody | Hand) -> FloatArray:
+    return np.concatenate([thing.position, thing.quaternion])
+
+
+@dataclass(frozen=True)
+class GraspResult:
+    """What a grasp left behind."""
+
+    summary: dict[str, Any]
+    summary_file: Path
+    recording: Path
+    plots: tuple[Path, ...]
+
+
+def run_grasp(options: GraspOptions, out: Path, *, progress: Progress | None = None) -> GraspResult:
+    """Run the whole job and leave ``summary.json``, ``recording.h5`` and the plots in the directory ``out``.
+
+    Raises the errors of ``quasirigid.errors`` for bad input. An interrupted run (``KeyboardInterrupt``) leaves a readable
+    recording and a summary that says so, then passes the interrupt on.
+    """
+    grasp = Grasp(options)
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / "recording.h5"
+    chosen = {key: "" if value is None else str(value) for key, value in asdict(options).items()}
+    attributes = {"quasirigid_version": __version__, "dt": options.dt, "options": json.dumps(chosen)}
+    began = time.perf_counter()
+    try:
+        with Recorder(path, columns(grasp.fingers, grasp.hand.joint_positions.shape[1]), attributes) as recorder:
+            grasp.run(recorder, progress)
+    except KeyboardInterrupt:
+        _leave_summary(grasp, path, out, time.perf_counter() - began, interrupted=True)
+        raise
+    return _leave_summary(grasp, path, out, time.perf_counter() - began, interrupted=False)
+
+
+def _leave_summary(grasp: Grasp, path: Path, out: Path, elapsed: float, *, interrupted: bool) -> GraspResult:
+    options, taken = grasp.options, grasp.taken
+    mass = taken.mass.mass
+    with Recording(path) as recording:
+        figures = summarise(recording, dt=options.dt, mass=mass, gravity=GRAVITY, friction=grasp.friction, stages=STAGES)
+        summary = {
+            "object": taken.name,
+            **figures,
+            "interrupted": interrupted,
+            "fingers": list(grasp.fingers),
+            "squeeze_n": taken.squeeze,
+            "material": options.material,
+            "compliance": options.compliance,
+            "object_motion": options.object_motion,
+            "threads": options.threads,
+            "approach": taken.approach,
+            "grasp_width_m": taken.width,
+            "warnings": list(taken.warnings),
+            "elapsed_s": elapsed,
+            "state_hash": f"{grasp.world.state_hash():016x}",
+            "version": __version__,
+        }
+        file = out / "summary.json"
+        file.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n")
+        subtitle = (
+            f"{taken.name}, {mass:.3g} kg, friction {grasp.friction:.2g}, squeeze {taken.squeeze:.3g} N, {options.compliance} compliance"
+        )
+        weight = mass * GRAVITY
+        plots = save_all(recording, out, grasp.fingers, dt=options.dt, weight=weight, friction=grasp.friction, subtitle=subtitle)
+    return GraspResult(summary, file, path, tuple(plots))

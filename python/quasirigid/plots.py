@@ -1,0 +1,249 @@
+"""Pictures of a grasp: forces over time, motion of the object, and the contact patches with their friction.
+
+Colours are those of Okabe and Ito, told apart by colour-blind readers too; where two things must not be confused they
+differ in shape or line style as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from quasirigid.summary import Columns, FloatArray, Phase, creep, moved, phases, pose_in, settled
+
+FINGER_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+INK, MUTED, BAND = "#222222", "#666666", "#F1F1EF"
+SLIP = 2
+STYLE: dict[str, Any] = {"fontsize": 9, "color": INK}
+
+
+def _figure(width: float, height: float, title: str, subtitle: str = "", *, constrained: bool = True) -> Figure:
+    figure = Figure(figsize=(width, height), dpi=150, facecolor="white", layout="constrained" if constrained else None)
+    FigureCanvasAgg(figure)
+    place: dict[str, Any] = {} if constrained else {"y": 0.985, "va": "top"}
+    figure.suptitle(title, x=0.012, ha="left", fontsize=12.5, fontweight="bold", color=INK, **place)
+    if subtitle:
+        figure.text(0.988, 0.98, subtitle, ha="right", va="top", fontsize=9, color=MUTED)
+    return figure
+
+
+def _dress(axes: Axes, ylabel: str) -> None:
+    axes.set_ylabel(ylabel, **STYLE)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color("#999999")
+    axes.tick_params(labelsize=8.5, colors=MUTED)
+    axes.grid(axis="y", color="#E3E3E0", linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
+def _shade(axes: Axes, spans: Sequence[Phase], *, names: bool = False) -> None:
+    """Every other phase on a band, and the names above the topmost axes."""
+    total = spans[-1].end - spans[0].start if spans else 1.0
+    raised = False
+    for i, span in enumerate(spans):
+        if i % 2 == 0:
+            axes.axvspan(span.start, span.end, color=BAND, zorder=0, linewidth=0)
+        if names:
+            # Short phases would write over each other: every second of them goes one line up.
+            short = (span.end - span.start) / total < 0.0095 * (len(span.name) + 2)
+            raised = short and not raised
+            place = ((span.start + span.end) / 2, 1.10 if raised else 1.02)
+            axes.text(*place, span.name, transform=axes.get_xaxis_transform(), ha="center", va="bottom", fontsize=8, color=MUTED)
+    if spans:
+        axes.set_xlim(spans[0].start, spans[-1].end)
+
+
+def forces(columns: Columns, fingers: Sequence[str], *, dt: float, weight: float, friction: float, subtitle: str = "") -> Figure:
+    """Normal force, friction force and use of the friction cone of every finger over time. ``weight`` N of the object."""
+    time, spans = columns["time"], phases(columns["phase"], columns["time"], dt)
+    normal, tangent = columns["hand/normal_force"], columns["hand/tangential_force"]
+    figure = _figure(9.0, 7.0, "Forces of the fingers on the object", subtitle)
+    top, middle, bottom = figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": [1.2, 1.2, 1.0]})
+    dashes = ("-", (0, (6, 1.5)), (0, (1.5, 1.2)), (0, (4, 1, 1, 1)), "--", ":")
+    for f, name in enumerate(fingers):
+        look: dict[str, Any] = {"color": FINGER_COLOURS[f % 6], "linestyle": dashes[f % 6], "linewidth": 1.6}
+        top.plot(time, normal[:, f], label=name.replace("_", " "), **look)
+        middle.plot(time, tangent[:, f], **look)
+        loaded = normal[:, f] > 0.02 * max(float(normal.max(initial=0.0)), 1e-9)
+        used = np.where(loaded, tangent[:, f] / np.where(loaded, friction * normal[:, f], 1.0), np.nan)
+        bottom.plot(time, 100 * used, **look)
+    bottom.axhline(100, color=INK, linewidth=1.0)
+    bottom.text(1.0, 101.5, "slips ", transform=bottom.get_yaxis_transform(), ha="right", va="bottom", fontsize=8, color=INK)
+    middle.axhline(weight, color=MUTED, linewidth=0.8, linestyle=(0, (2, 3)))
+    middle.text(
+        1.0, weight, f"weight {weight:.2f} N ", transform=middle.get_yaxis_transform(), ha="right", va="bottom", fontsize=8, color=MUTED
+    )
+    for axes, label in ((top, "normal force (N)"), (middle, "friction force (N)"), (bottom, "of the friction limit (%)")):
+        _dress(axes, label)
+        _shade(axes, spans, names=axes is top)
+        axes.set_ylim(bottom=0)
+    top.set_ylim(top=1.22 * top.get_ylim()[1])  # room for the legend
+    middle.set_ylim(top=max(middle.get_ylim()[1], 1.15 * weight))
+    bottom.set_ylim(0, 115)
+    bottom.set_xlabel("time (s)", **STYLE)
+    top.legend(loc="upper right", frameon=True, framealpha=0.9, edgecolor="none", fontsize=8.5, ncols=len(fingers))
+    figure.align_ylabels()
+    return figure
+
+
+def motion(columns: Columns, *, dt: float, subtitle: str = "") -> Figure:
+    """Height of object and hand, and how far the object moved and turned in the hand, over time."""
+    time, spans = columns["time"], phases(columns["phase"], columns["time"], dt)
+    poses = columns["bodies/pose"]
+    thing, hand = poses[:, 0], poses[:, 2]
+    relative = pose_in(hand, thing)
+    figure = _figure(9.0, 7.0, "Motion of the object", subtitle)
+    top, middle, bottom = figure.subplots(3, 1, sharex=True)
+    if len(time):
+        top.plot(time, 1e3 * (thing[:, 2] - thing[0, 2]), color=FINGER_COLOURS[0], linewidth=1.8, label="object")
+        top.plot(time, 1e3 * (hand[:, 2] - hand[0, 2]), color=FINGER_COLOURS[1], linewidth=1.2, linestyle=(0, (4, 2)), label="hand")
+        top.legend(loc="upper right", frameon=True, framealpha=0.9, edgecolor="none", fontsize=8.5, ncols=2)
+        top.set_ylim(top=top.get_ylim()[1] + 0.22 * np.ptp(top.get_ylim()))  # room for the legend
+    start = next((span.first for span in spans if span.name == "hold"), None)
+    if start is not None:
+        end = max((span.last for span in spans if span.name in ("hold", "lift", "shake", "hold again", "fall")), default=len(time))
+        distance, angle = moved(relative[start:end])
+        # On a logarithmic axis zero has no place: the first step is left out.
+        steps = time[start:end]
+        for axes, values in ((middle, 1e6 * distance), (bottom, np.degrees(angle))):
+            axes.semilogy(steps, np.where(values > 0.0, values, np.nan), color=FINGER_COLOURS[0], linewidth=1.4)
+            later = values[min(20, len(values) - 1) :]
+            if later.max(initial=0.0) > 0.0:
+                axes.set_ylim(later[later > 0.0].min() / 30, 5 * values.max())
+        for span in spans:
+            if span.name in ("hold", "hold again"):
+                speeds = creep(relative[settled(span, dt)], dt)
+                for axes, speed, unit in zip((middle, bottom), speeds, ("nm/s", "nrad/s"), strict=True):
+                    place = (0.5 * (span.start + span.end), 0.05)
+                    text = f"last second: {1e9 * speed:.2g} {unit}"
+                    axes.annotate(text, place, xycoords=axes.get_xaxis_transform(), ha="center", fontsize=8, color=INK)
+    else:
+        for axes in (middle, bottom):
+            axes.text(0.5, 0.5, "the run ended before the hold", transform=axes.transAxes, ha="center", color=MUTED, fontsize=9)
+    labels = (
+        (top, "rise since the start (mm)"),
+        (middle, "moved in the hand\nsince the hold began (µm)"),
+        (bottom, "turned in the hand\nsince the hold began (°)"),
+    )
+    for axes, label in labels:
+        _dress(axes, label)
+        _shade(axes, spans, names=axes is top)
+    bottom.set_xlabel("time (s)", **STYLE)
+    figure.align_ylabels()
+    return figure
+
+
+def _plane(points: FloatArray, normals: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Centre and axes (3, 2) of a patch's own plane: second axis as near to upwards as it gets."""
+    total = weights.sum()
+    weights = weights / total if total > 0.0 else np.full(len(points), 1.0 / len(points))
+    normal = weights @ normals
+    normal /= np.linalg.norm(normal)
+    up = np.array([0.0, 0.0, 1.0]) - normal[2] * normal
+    if np.linalg.norm(up) < 0.1:  # a patch that lies flat: x to the right instead
+        up = np.array([0.0, 1.0, 0.0]) - normal[1] * normal
+    up /= np.linalg.norm(up)
+    return weights @ points, np.column_stack([np.cross(up, normal), up])
+
+
+def patches(contacts: Mapping[str, npt.NDArray[Any]], fingers: Sequence[str], *, subtitle: str = "") -> Figure:
+    """The contact patch of every finger, seen from the fingertip: pressure in colour, friction as arrows, slip as open rings.
+
+    ``contacts`` are the recorded rows of one step: point, normal, force, pressure, area, status, finger.
+    """
+    width, side, left, bottom, height = 3.35 * len(fingers) + 1.25, 2.8, 0.65, 1.45, 5.05  # inches
+    figure = _figure(width, height, "Contact patches at the end of the first hold", subtitle, constrained=False)
+    places = [((left + 3.35 * f) / width, bottom / height, side / width, side / height) for f in range(len(fingers))]
+    all_axes = [figure.add_axes(place) for place in places]
+    loaded = contacts["pressure"] > 0.0
+    kpa = 1e-3 * contacts["pressure"].astype(float)
+    top = max(float(kpa[loaded & (contacts["finger"] >= 0)].max(initial=0.0)), 1e-6)
+    radius = 1.0
+    layers: list[tuple[npt.NDArray[Any], ...] | None] = []
+    for f in range(len(fingers)):
+        mine = loaded & (contacts["finger"] == f)
+        if not mine.any():
+            layers.append(None)
+            continue
+        points, normals, force = (contacts[key][mine].astype(float) for key in ("point", "normal", "force"))
+        push = np.einsum("ij,ij->i", force, normals)
+        centre, axes2 = _plane(points, normals, np.abs(push))
+        flat, friction = 1e3 * (points - centre) @ axes2, (force - push[:, None] * normals) @ axes2
+        radius = max(radius, float(np.abs(flat).max()) + 1.0)
+        layers.append((flat, friction, np.abs(push), kpa[mine], contacts["status"][mine], contacts["area"][mine].astype(float)))
+    longest = max((float(np.linalg.norm(layer[1], axis=1).max()) for layer in layers if layer), default=0.0)
+    scatter = None
+    for f, (axes, layer) in enumerate(zip(all_axes, layers, strict=True)):
+        axes.set_aspect("equal")
+        axes.set(xlim=(-radius, radius), ylim=(-radius, radius))
+        axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+        axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
+        _dress(axes, "up (mm)" if f == 0 else "")
+        axes.set_xlabel("across (mm)", **STYLE)
+        axes.set_title(fingers[f].replace("_", " "), loc="left", fontsize=10, fontweight="bold", color=FINGER_COLOURS[f % 6])
+        if layer is None:
+            axes.text(0.5, 0.5, "no contact", transform=axes.transAxes, ha="center", color=MUTED, fontsize=9)
+            continue
+        flat, friction, push, pressure, status, area = layer
+        slips = status == SLIP
+        # Discs of the control points' own area, in points^2.
+        size = 1e6 * area * (72 * side / (2 * radius)) ** 2 * 4 / np.pi
+        scatter = axes.scatter(flat[:, 0], flat[:, 1], c=pressure, s=size, cmap="viridis", vmin=0.0, vmax=top, linewidths=0)
+        axes.scatter(flat[slips, 0], flat[slips, 1], s=0.8 * size[slips], facecolors="none", edgecolors="#D55E00", linewidths=1.3)
+        if longest > 0.0:
+            seen = np.linalg.norm(friction, axis=1) > 0.06 * longest
+            start, arrows = flat[seen].T, (friction[seen] / longest * 0.24 * radius).T
+            look: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "minlength": 0.1}
+            look |= {"headwidth": 4.0, "headlength": 4.5, "headaxislength": 4.2, "width": 0.0075, "linewidth": 0.5}
+            axes.quiver(start[0], start[1], arrows[0], arrows[1], color="white", edgecolor=INK, **look)
+        total = np.linalg.norm(friction.sum(axis=0))
+        text = f"presses with {push.sum():.2f} N, friction {total:.2f} N\n{len(flat)} contacts, {int(slips.sum())} of them slip"
+        axes.text(0.0, -0.21, text, transform=axes.transAxes, va="top", fontsize=8.5, color=MUTED, linespacing=1.4)
+    if scatter is not None:
+        bar = figure.colorbar(scatter, cax=figure.add_axes((1 - 0.75 / width, bottom / height, 0.14 / width, side / height)))
+        bar.set_label("pressure (kPa)", **STYLE)
+        bar.ax.tick_params(labelsize=8.5, colors=MUTED)
+        bar.outline.set_visible(False)
+    ring = Line2D([], [], marker="o", linestyle="none", markerfacecolor="none", markeredgecolor="#D55E00", markersize=8, label="slips")
+    disc = Line2D([], [], marker="o", linestyle="none", color="#21918c", markersize=8, label="sticks")
+    arrow = Line2D(
+        [],
+        [],
+        marker=r"$\rightarrow$",
+        linestyle="none",
+        color=INK,
+        markersize=12,
+        label=f"friction on the object, longest {1e3 * longest:.2g} mN",
+    )
+    corner = (0.4 / width, 0.05 / height)
+    figure.legend(handles=[disc, ring, arrow], loc="lower left", bbox_to_anchor=corner, ncols=3, frameon=False, fontsize=8.5)
+    return figure
+
+
+def save_all(
+    recording: Any, out: Path, fingers: Sequence[str], *, dt: float, weight: float, friction: float, subtitle: str = ""
+) -> list[Path]:
+    """Write the pictures of a ``Recording`` to the directory ``out`` and return their paths."""
+    figures = {
+        "forces.png": forces(recording, fingers, dt=dt, weight=weight, friction=friction, subtitle=subtitle),
+        "motion.png": motion(recording, dt=dt, subtitle=subtitle),
+    }
+    hold = next((span for span in phases(recording["phase"], recording["time"], dt) if span.name == "hold"), None)
+    if hold is not None:
+        figures["patches.png"] = patches(recording.rows("contacts", hold.last - 1), fingers, subtitle=subtitle)
+    out.mkdir(parents=True, exist_ok=True)
+    for name, figure in figures.items():
+        figure.savefig(out / name)
+    return [out / name for name in figures]
+
+
+__all__ = ["forces", "motion", "patches", "save_all"]

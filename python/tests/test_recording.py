@@ -1,0 +1,127 @@
+"""Recordings: what is appended comes back, whatever happened to the writer."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from quasirigid.errors import InvalidShapeError, ObjectFileError
+from quasirigid.recording import Column, Recorder, Recording
+
+COLUMNS = [
+    Column("time", unit="s", what="simulated time"),
+    Column("phase", dtype="u1", labels=("close", "hold")),
+    Column("object/position", (3,), unit="m", frame="world"),
+    Column("contacts/point", (3,), "f4", "m", "world", ragged=True),
+    Column("contacts/gap", (), "f4", "m", "-", ragged=True),
+]
+
+
+def row(i: int) -> dict[str, Any]:
+    n = i % 4  # every fourth step has no contact
+    return {
+        "time": 1e-3 * i,
+        "phase": i % 2,
+        "object/position": [i, 0.0, 1.0],
+        "contacts/point": np.full((n, 3), i, dtype=float),
+        "contacts/gap": np.full(n, -float(i)),
+    }
+
+
+def check(path: Path, at_least: int) -> int:
+    """Whatever is in the file is right, and there are enough steps."""
+    with Recording(path) as recording:
+        steps = recording.steps
+        assert steps >= at_least
+        np.testing.assert_array_equal(recording["time"], 1e-3 * np.arange(steps))
+        np.testing.assert_array_equal(recording["object/position"][:, 0], np.arange(steps))
+        assert len(recording["contacts/gap"]) == recording["contacts/end"][-1] == sum(i % 4 for i in range(steps))
+        for i in (0, steps // 2, steps - 1, -1):
+            contacts = recording.rows("contacts", i)
+            k = i % steps
+            np.testing.assert_array_equal(contacts["gap"], np.full(k % 4, -k))
+            assert contacts["point"].shape == (k % 4, 3)
+    return steps
+
+
+@pytest.mark.parametrize("steps", [1, 99, 100, 250])
+def test_what_is_appended_comes_back(tmp_path: Path, steps: int) -> None:
+    path = tmp_path / "new" / "recording.h5"
+    with Recorder(path, COLUMNS, {"object": "box"}) as recorder:
+        for i in range(steps):
+            recorder.append(row(i))
+    assert check(path, steps) == steps
+    with Recording(path) as recording:
+        assert recording.complete
+        assert recording.attributes["object"] == "box"
+        assert recording.unit("object/position") == "m"
+        assert recording.labels("phase") == ["close", "hold"]
+    with h5py.File(path) as file:  # any tool opens a finished one
+        for name in ("time", "phase", "object/position", "contacts/gap", "contacts/end"):
+            assert {"unit", "frame", "what"} <= set(file[name].attrs)
+
+
+def test_error_in_the_run_keeps_every_step(tmp_path: Path) -> None:
+    path = tmp_path / "recording.h5"
+    with pytest.raises(KeyboardInterrupt), Recorder(path, COLUMNS) as recorder:
+        for i in range(137):
+            recorder.append(row(i))
+        raise KeyboardInterrupt
+    assert check(path, 137) == 137
+    with Recording(path) as recording:
+        assert not recording.complete
+
+
+def test_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
+    path = tmp_path / "recording.h5"
+    program = f"""
+        import sys; sys.path[:0] = {sys.path!r}
+        from test_recording import COLUMNS, Recorder, row
+        recorder = Recorder({str(path)!r}, COLUMNS)
+        for i in range(10**9):
+            recorder.append(row(i))
+            if i == 1000: print("go", flush=True)
+    """
+    for pause in (0.0, 0.013, 0.05, 0.2):
+        env = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+        with subprocess.Popen([sys.executable, "-c", textwrap.dedent(program)], stdout=subprocess.PIPE, env=env) as writer:
+            assert writer.stdout is not None
+            assert writer.stdout.readline() == b"go\n"
+            time.sleep(pause)
+            writer.send_signal(signal.SIGKILL)
+            writer.wait()
+        check(path, 1000)
+
+
+def test_append_is_cheap(tmp_path: Path) -> None:
+    big = row(3)
+    big["contacts/point"], big["contacts/gap"] = np.random.default_rng(0).normal(size=(164, 3)), np.zeros(164)
+    with Recorder(tmp_path / "recording.h5", COLUMNS) as recorder:
+        start = time.perf_counter()
+        for _ in range(1000):
+            recorder.append(big)
+        assert (time.perf_counter() - start) / 1000 < 1e-3, "an append must cost less than a step"
+
+
+def test_bad_rows_and_files_are_refused(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "recording.h5", COLUMNS) as recorder:
+        with pytest.raises(InvalidShapeError, match="contacts"):
+            recorder.append({**row(3), "contacts/gap": np.zeros(2)})
+        with pytest.raises(InvalidShapeError, match="object/position"):
+            recorder.append({k: v for k, v in row(3).items() if k != "object/position"})
+        for i in range(5):
+            recorder.append(row(i))
+    assert check(tmp_path / "recording.h5", 5) == 5, "a refused row leaves nothing behind"
+    with pytest.raises(ObjectFileError, match="no such file"):
+        Recording(tmp_path / "none.h5")
+    (tmp_path / "text.h5").write_text("hello")
+    with pytest.raises(ObjectFileError, match="expected a recording"):
+        Recording(tmp_path / "text.h5")

@@ -1,0 +1,92 @@
+"""The figures of the summary, on a made-up grasp whose figures are known."""
+
+import json
+
+import numpy as np
+import pytest
+from grasp_columns import DT, FRICTION, GRAVITY, MASS, SQUEEZE, STEPS, made_up_grasp
+
+from quasirigid import summary as s
+
+KEYS = "held object_mass_kg drift_m_per_s spin_rad_per_s contacts residual_max unconverged_steps steps step_ms_median step_ms_p99"
+KEYS += " normal_force_n support_error phases"
+
+
+def summarise(columns: dict) -> dict:
+    return s.summarise(columns, dt=DT, mass=MASS, gravity=GRAVITY, friction=FRICTION, stages=["a", "b", "c", "d", "e"])
+
+
+def test_a_good_grasp() -> None:
+    summary = summarise(made_up_grasp())
+    assert set(KEYS.split()) <= set(summary)
+    assert summary["held"] is True
+    assert summary["drift_m_per_s"] < 1e-12
+    assert summary["spin_rad_per_s"] < 1e-12
+    assert summary["contacts"] == 160
+    assert summary["steps"] == sum(STEPS.values())
+    assert summary["residual_max"] == 4e-9
+    assert summary["unconverged_steps"] == 0
+    assert summary["normal_force_n"] == pytest.approx([SQUEEZE, SQUEEZE / 2, SQUEEZE / 2])
+    assert summary["support_error"] < 1e-3
+    assert summary["slip_margin"] == pytest.approx(1 - MASS * GRAVITY / 2 / (FRICTION * SQUEEZE), abs=1e-3)
+    assert [p["name"] for p in summary["phases"]] == list(STEPS)
+    assert summary["phases"][0]["start"] == 0.0
+    assert all(a["end"] == b["start"] for a, b in zip(summary["phases"], summary["phases"][1:], strict=False))
+    assert 0.3 <= summary["step_ms_median"] <= summary["step_ms_p99"] <= 0.35
+    json.dumps(summary, allow_nan=False)
+
+
+@pytest.mark.parametrize("drift", [3e-10, 1e-6, 2e-3])
+def test_drift_and_spin_are_read_back(drift: float) -> None:
+    summary = summarise(made_up_grasp(drift=drift, spin=10 * drift))
+    assert summary["drift_m_per_s"] == pytest.approx(drift, rel=1e-4)
+    assert summary["spin_rad_per_s"] == pytest.approx(10 * drift, rel=1e-4)
+    assert summary["held"] is (drift < 1e-4)
+
+
+def test_a_tremble_counts_as_creep() -> None:
+    poses = np.tile([0.0, 0, 0, 1, 0, 0, 0], (1001, 1))
+    poses[500, 0] = 1e-6
+    assert s.creep(poses, 1e-3)[0] == pytest.approx(1e-6)
+
+
+def test_a_dropped_object_is_not_held() -> None:
+    summary = summarise(made_up_grasp(fall=True))
+    assert summary["held"] is False
+    assert summary["phases"][-1]["name"] == "fall"
+
+
+def test_a_run_cut_short_has_no_figures_of_the_hold() -> None:
+    for steps in (0, 1, 500):
+        columns = {name: column[:steps] for name, column in made_up_grasp().items()}
+        summary = summarise(columns)
+        assert summary["held"] is False
+        assert summary["steps"] == steps
+        assert summary["drift_m_per_s"] is None
+        json.dumps(summary, allow_nan=False)
+
+
+def test_unconverged_steps_do_not_count_for_the_residual() -> None:
+    columns = made_up_grasp()
+    columns["report/converged"][10:12] = 0
+    columns["report/residual"][10:12] = 0.5
+    summary = summarise(columns)
+    assert summary["unconverged_steps"] == 2
+    assert summary["residual_max"] == 4e-9
+
+
+def test_quaternions_agree_with_matrices() -> None:
+    rng = np.random.default_rng(0)
+    q, v = rng.normal(size=(50, 4)), rng.normal(size=(50, 3))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    from scipy.spatial.transform import Rotation
+
+    r = Rotation.from_quat(q[:, [1, 2, 3, 0]])
+    np.testing.assert_allclose(s.rotate(q, v), r.apply(v), atol=1e-14)
+    np.testing.assert_allclose(s.rotation_angle(q), r.magnitude(), atol=1e-14)
+    np.testing.assert_allclose(s.rotate(s.quaternion_product(q, s.conjugate(q)), v), v, atol=1e-14)
+    assert s.rotation_angle(np.array([1.0, 1e-12, 0, 0])) == pytest.approx(2e-12)
+
+
+def test_slip_margin() -> None:
+    np.testing.assert_allclose(s.slip_margin(np.array([2.0, 2.0, 0.0]), np.array([0.0, 1.0, 0.0]), 0.5), [1.0, 0.0, 1.0])
