@@ -22,10 +22,14 @@ pub struct Parameters {
     pub traversal_slack: Real,
     /// Projections on a surface stop when the distance left is below this, m. Default 1e-10.
     pub projection_tolerance: Real,
+    /// A projection is kept, with its tangent plane for the surface, until its control point has moved this far from where it was made, m. Default 1e-6: on a
+    /// radius of 1 mm the plane is then off by 5e-10 m. 0 projects anew in every step.
+    pub projection_slack: Real,
     /// Spheres are refitted after deformation up to this level of the tree, 0 being the root; nodes above are inflated by the largest displacement instead.
     /// Default 6. Higher saves time, and makes the upper spheres looser.
     pub refit_level: u32,
-    /// Elastic displacements below this move no surface point and refit no sphere, m. Default 1e-7. The control points keep the exact value.
+    /// Surface points follow their control points, and spheres are refitted, when an elastic displacement has changed by more than this, m. Default 1e-7.
+    /// The control points keep the exact value.
     pub deformation_threshold: Real,
     /// Threads. Default 1. The result is the same bits for any number.
     pub threads: usize,
@@ -42,6 +46,7 @@ impl Default for Parameters {
             traversal_budget: 10_000_000,
             traversal_slack: 2e-4,
             projection_tolerance: 1e-10,
+            projection_slack: 1e-6,
             refit_level: 6,
             deformation_threshold: 1e-7,
             threads: 1,
@@ -58,6 +63,7 @@ impl Parameters {
         check_finite("gravity", self.gravity.iter())?;
         check_non_negative("contact_margin", self.contact_margin, "m")?;
         check_non_negative("traversal_slack", self.traversal_slack, "m")?;
+        check_non_negative("projection_slack", self.projection_slack, "m")?;
         check_positive("projection_tolerance", self.projection_tolerance, "m")?;
         check_non_negative("deformation_threshold", self.deformation_threshold, "m")?;
         check_positive("tolerance", self.solver.tolerance, "-")?;

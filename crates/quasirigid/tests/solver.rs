@@ -115,6 +115,70 @@ fn soft_grasps_converge_from_cold() {
     }
 }
 
+/// 100 supports under a rigid box that has 6 coordinates: reactions that differ in 294 ways move nothing but the supports themselves.
+#[test]
+fn hyperstatic_supports_converge() {
+    for softness in [1e-1, 1e-2, 1e-3, 1e-4] {
+        for push in [0.0, 0.3, 0.45, 0.6] {
+            let mut problem = support(10, softness, push, 0.5);
+            let solution = problem.solve(&SolverParameters::default());
+            println!("softness {softness:e}, push {push}: {:?}", solution.report);
+            assert_converged(&problem, &solution);
+        }
+    }
+}
+
+#[test]
+fn hyperstatic_box_stands_evenly_on_equal_supports() {
+    let mut problem = support(10, 1e-3, 0.0, 0.5);
+    let solution = problem.solve(&SolverParameters { tolerance: 1e-11, ..Default::default() });
+    assert!(solution.report.stop.converged(), "{:?}", solution.report);
+    let share = 9.81 / (1.0 + 1e-3 / 100.0) / 100.0;
+    for f in &solution.f {
+        assert!((f - Vec3::new(share, 0.0, 0.0)).norm() < 1e-6 * share, "{f} for {share}");
+    }
+}
+
+#[test]
+fn sweeps_never_exceed_the_cap() {
+    let mut problem = support(10, 1e-3, 0.45, 0.5);
+    for max_sweeps in [1, 2, 39, 40, 41, 42, 43, 44, 50, 60] {
+        let solution = problem.solve(&SolverParameters { max_sweeps, ..Default::default() });
+        let report = solution.report;
+        assert_eq!((report.sweeps, report.stop), (max_sweeps, Stop::SweepCap), "{report:?}");
+        let independent = independent_residual(&problem, &solution.f);
+        assert!((independent / report.residual - 1.0).abs() < 1e-6, "{independent:e} against {report:?}");
+        for f in &solution.f {
+            assert!(f.y.hypot(f.z) <= 0.5 * f.x * (1.0 + 1e-14), "{f} is outside its cone, cap {max_sweeps}");
+        }
+    }
+    let late = problem.solve(&SolverParameters { time_budget: Some(Duration::from_micros(300)), ..Default::default() });
+    assert!(late.report.stop == Stop::TimeBudget || late.report.stop.converged(), "{:?}", late.report);
+}
+
+/// A rigid block in a rigid gap that is too narrow: no forces help, however large. They must not count as a solution because they are large.
+#[test]
+fn problem_without_solution_is_not_called_converged() {
+    let d = Mat3::identity() * 1e-5;
+    let squeezed = Vec3::new(-1e-4, 0.0, 0.0);
+    // The same displacement opens one contact and closes the other.
+    let opposed = Mat3::from_diagonal(&Vec3::new(-1e-5, 1e-5, 1e-5));
+    let mut w = Assembled::from_dense(2, &[d, opposed, opposed, d]).unwrap();
+    for mu in [0.0, 0.5] {
+        let (mut f, mut status) = (vec![Vec3::zeros(); 2], vec![ContactStatus::Open; 2]);
+        let report = solve(&mut w, &[squeezed; 2], &[mu; 2], &mut f, &mut status, &SolverParameters::default(), &mut Scratch::default());
+        println!("{report:?} {f:?}");
+        assert!(!report.stop.converged(), "{report:?} with {f:?}");
+    }
+}
+
+#[test]
+fn same_problem_same_bits() {
+    let solve_once = || support(8, 1e-2, 0.45, 0.5).solve(&SolverParameters::default());
+    let (one, two) = (solve_once(), solve_once());
+    assert_eq!((one.report, one.f), (two.report, two.f));
+}
+
 #[test]
 fn assembled_and_matrix_free_give_the_same_reactions() {
     let mut problem = grasp([12, 10, 11], SOFT, 3e-4, 1e-4);

@@ -33,7 +33,11 @@ pub struct Skin {
     pub spheres: Vec<Sphere>,
     displaced: Vec<u32>,
     dirty_leaves: Vec<u32>,
-    was_dirty: Vec<u32>,
+    /// Displacements that the deformed points show: they follow when one changes by more than the threshold.
+    shown: Vec<Vec3>,
+    shown_list: Vec<u32>,
+    is_shown: Vec<bool>,
+    changed: Vec<u32>,
     leaf_mark: Vec<u64>,
     node_mark: Vec<u64>,
     dirty_nodes: Vec<u32>,
@@ -61,7 +65,10 @@ impl Skin {
             spheres,
             displaced: Vec::with_capacity(leaves),
             dirty_leaves: Vec::with_capacity(leaves),
-            was_dirty: Vec::with_capacity(leaves),
+            shown: vec![Vec3::zeros(); leaves],
+            shown_list: Vec::with_capacity(leaves),
+            is_shown: vec![false; leaves],
+            changed: Vec::with_capacity(2 * leaves),
             leaf_mark: vec![0; leaves],
             node_mark: vec![0; surface.tree.nodes.len()],
             dirty_nodes: Vec::with_capacity(surface.tree.nodes.len()),
@@ -97,58 +104,67 @@ impl Skin {
     /// Moves the surface points that displaced control points reach (eq. 8) and refits the spheres above them, bottom-up, to `params.refit_level`.
     pub fn deform(&mut self, params: &Parameters) {
         self.mark += 1;
-        std::mem::swap(&mut self.dirty_leaves, &mut self.was_dirty);
+        let largest = self.find_changed(params.deformation_threshold);
         self.dirty_leaves.clear();
-        let threshold2 = params.deformation_threshold * params.deformation_threshold;
-        let mut largest2: Real = 0.0;
-        for &c in &self.displaced {
-            let u2 = self.displacement[c as usize].norm_squared();
-            largest2 = largest2.max(u2);
-            if u2 > threshold2 {
-                for &leaf in std::iter::once(&c).chain(self.surface.leaf_neighbours.row(c as usize)) {
-                    if self.leaf_mark[leaf as usize] != self.mark {
-                        self.leaf_mark[leaf as usize] = self.mark;
-                        self.dirty_leaves.push(leaf);
-                    }
+        for &c in &self.changed {
+            for &leaf in std::iter::once(&c).chain(self.surface.leaf_neighbours.row(c as usize)) {
+                if self.leaf_mark[leaf as usize] != self.mark {
+                    self.leaf_mark[leaf as usize] = self.mark;
+                    self.dirty_leaves.push(leaf);
                 }
             }
         }
-        let largest = if largest2 > threshold2 { largest2.sqrt() } else { 0.0 };
         self.dirty_nodes.clear();
         let mut farthest: Real = 0.0;
-        // Leaves that were deformed a step ago and are not now go back to rest.
-        for list in [0, 1] {
-            let leaves = if list == 0 { &self.dirty_leaves } else { &self.was_dirty };
-            for &leaf in leaves {
-                if list == 1 && self.leaf_mark[leaf as usize] == self.mark {
-                    continue;
+        for &leaf in &self.dirty_leaves {
+            let index = self.surface.tree.leaves[leaf as usize];
+            let node = &self.surface.tree.nodes[index as usize];
+            let (mut shift, mut spread): (Vec3, Real) = (Vec3::zeros(), 0.0);
+            for k in node.points() {
+                let mut u = Vec3::zeros();
+                for e in self.surface.interpolation.range(k) {
+                    let weight = Real::from(self.surface.interpolation_weights[e]);
+                    u += self.shown[self.surface.interpolation.index[e] as usize] * weight;
                 }
-                let index = self.surface.tree.leaves[leaf as usize];
-                let node = &self.surface.tree.nodes[index as usize];
-                let (mut shift, mut spread): (Vec3, Real) = (Vec3::zeros(), 0.0);
-                for k in node.points() {
-                    let row = self.surface.interpolation.range(k);
-                    let u: Vec3 = row
-                        .map(|e| {
-                            let weight = Real::from(self.surface.interpolation_weights[e]);
-                            self.displacement[self.surface.interpolation.index[e] as usize] * weight
-                        })
-                        .sum();
-                    self.deformed[k] = self.surface.points[k] + u;
-                    shift += u;
-                }
-                let center = node.center + shift / node.point_count as Real;
-                for k in node.points() {
-                    spread = spread.max((self.deformed[k] - center).norm());
-                }
-                let radius = spread + self.surface.leaf_gaps[leaf as usize];
-                let before = std::mem::replace(&mut self.spheres[index as usize], Sphere { center, radius });
-                farthest = farthest.max((center - before.center).norm() + (radius - before.radius).max(0.0));
-                mark_up(&self.surface, index, self.mark, params.refit_level, &mut self.node_mark, &mut self.dirty_nodes);
+                self.deformed[k] = self.surface.points[k] + u;
+                shift += u;
             }
+            let center = node.center + shift / node.point_count as Real;
+            for k in node.points() {
+                spread = spread.max((self.deformed[k] - center).norm());
+            }
+            let radius = spread + self.surface.leaf_gaps[leaf as usize];
+            let before = std::mem::replace(&mut self.spheres[index as usize], Sphere { center, radius });
+            farthest = farthest.max((center - before.center).norm() + (radius - before.radius).max(0.0));
+            mark_up(&self.surface, index, self.mark, params.refit_level, &mut self.node_mark, &mut self.dirty_nodes);
         }
         self.travel += farthest;
         self.refit(largest, params.refit_level);
+    }
+
+    /// Control points whose displacement differs from the one shown by more than the threshold; shows them. Returns the largest displacement shown.
+    fn find_changed(&mut self, threshold: Real) -> Real {
+        let Self { displacement, displaced, shown, shown_list, is_shown, changed, .. } = self;
+        changed.clear();
+        for &c in displaced.iter().chain(shown_list.iter()) {
+            let u = displacement[c as usize];
+            if (u - shown[c as usize]).norm_squared() > threshold * threshold {
+                // What has come back within the threshold of rest comes back all the way.
+                shown[c as usize] = if u.norm_squared() > threshold * threshold { u } else { Vec3::zeros() };
+                changed.push(c);
+            }
+        }
+        for &c in changed.iter() {
+            if !is_shown[c as usize] {
+                is_shown[c as usize] = true;
+                shown_list.push(c);
+            }
+        }
+        shown_list.retain(|&c| {
+            is_shown[c as usize] = shown[c as usize] != Vec3::zeros();
+            is_shown[c as usize]
+        });
+        shown_list.iter().map(|&c| shown[c as usize].norm_squared()).fold(0.0, Real::max).sqrt()
     }
 
     fn refit(&mut self, largest: Real, refit_level: u32) {

@@ -10,6 +10,7 @@ mod projection;
 mod traversal;
 
 pub use pair::{Pair, PatchSide};
+pub use projection::Remembered;
 pub use traversal::{Coupled, Coupling};
 
 use crate::body::BodyEntry;
@@ -40,6 +41,8 @@ pub struct Contact {
     pub area: Real,
     /// Control points of `b` that the projection is interpolated from.
     pub weights_b: Weights,
+    /// Whether it was projected anew in this step; otherwise foot, normal and weights are those remembered.
+    pub projected: bool,
 }
 
 /// Scratch and output of the stage.

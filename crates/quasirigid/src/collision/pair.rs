@@ -1,7 +1,8 @@
 //! What two bodies remember of their contact from step to step: reactions for the warm start, elastic displacement.
 
-use super::Coupling;
+use super::{Coupling, Remembered};
 use crate::body::BodyEntry;
+use crate::contact_problem::ElasticRows;
 use crate::math::Vec3;
 
 /// Elastic displacement of one side of a pair, at the control points of its surface.
@@ -35,6 +36,10 @@ pub struct Pair {
     pub side_b: PatchSide,
     /// Coupled nodes, found anew when the two have moved enough.
     pub coupling: Coupling,
+    /// Last projection of each control point of `a`.
+    pub remembered: Vec<Remembered>,
+    /// Elastic rows of the contact problem, kept while the contacts stay the same.
+    pub elastic: ElasticRows,
 }
 
 impl PatchSide {
@@ -87,6 +92,8 @@ pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[
                     side_a: PatchSide::new(count_a),
                     side_b: PatchSide::new(count_b),
                     coupling: Coupling::default(),
+                    remembered: vec![Remembered::default(); count_a],
+                    elastic: ElasticRows::default(),
                 };
                 pairs.insert(place, pair);
             }

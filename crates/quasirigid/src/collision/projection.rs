@@ -5,7 +5,9 @@ use crate::body::{BodyEntry, Skin};
 use crate::free_motion::FreeMotion;
 use crate::math::{Mat3, Pose, Real, Vec3, contact_frame};
 use crate::params::Parameters;
-use crate::surface::moving_least_squares::{Kernel, project};
+use crate::surface::Weights;
+use crate::surface::kernel::Kernel;
+use crate::surface::moving_least_squares::project;
 use nalgebra::Point3;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -13,22 +15,58 @@ use std::ops::Range;
 /// A projection farther from the nearest sample than this many leaf gaps (half the distance to a close neighbour) has left the border of its leaf.
 const BORDER_GAPS: Real = 1.5;
 
+/// Most steps of a projection; two or three are usual.
+const MOST_PROJECTIONS: u32 = 10;
+
 /// Control points of one chunk of parallel work.
 const CHUNK: usize = 32;
 
 /// One control point with a coupled leaf: its pair, and the range of its coupled nodes there.
 type Group = (u32, Range<u32>);
 
+/// What a control point remembers of its last projection (temporal coherence, which the paper proposes in section 4). All in the frame of `b`.
+#[derive(Debug, Clone)]
+pub struct Remembered {
+    /// Where the control point was projected from.
+    x: Vec3,
+    /// How far it may go from there before it has to be looked at again, m; negative: nothing known.
+    holds_for: Real,
+    /// What was found there.
+    surface: Seen,
+}
+
+/// The other surface as a control point sees it.
+#[derive(Debug, Clone)]
+enum Seen {
+    /// Too far, or no projection within the border.
+    Nothing,
+    /// Foot, outward normal, and the control points that the foot is interpolated from.
+    Foot { foot: Vec3, normal: Vec3, weights: Weights },
+}
+
+impl Default for Remembered {
+    fn default() -> Self {
+        Self { x: Vec3::zeros(), holds_for: -1.0, surface: Seen::Nothing }
+    }
+}
+
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
     groups: Vec<Group>,
-    found: Vec<Option<Contact>>,
+    found: Vec<Found>,
+}
+
+/// Outcome of one control point: its contact, and what it learnt if it had to look.
+#[derive(Debug, Clone, Default)]
+struct Found {
+    contact: Option<Contact>,
+    learnt: Option<Remembered>,
 }
 
 /// Every control point with a coupled leaf is projected once, from the leaf that holds the nearest point that faces it.
 pub(super) fn project_control_points(
     scratch: &mut Scratch,
-    pairs: &[Pair],
+    pairs: &mut [Pair],
     bodies: &[BodyEntry],
     free: &[FreeMotion],
     params: &Parameters,
@@ -46,11 +84,17 @@ pub(super) fn project_control_points(
         }
     }
     scratch.found.clear();
-    scratch.found.resize(scratch.groups.len(), None);
-    let work = |(groups, found): (&[Group], &mut [Option<Contact>])| {
+    scratch.found.resize(scratch.groups.len(), Found::default());
+    let known: &[Pair] = pairs;
+    let work = |(groups, found): (&[Group], &mut [Found])| {
+        let mut view: Option<View> = None;
         for ((index, group), slot) in groups.iter().zip(found) {
-            let coupled = &pairs[*index as usize].coupling.coupled[group.start as usize..group.end as usize];
-            *slot = project_control_point(*index, coupled, pairs, bodies, free, params);
+            if view.as_ref().is_none_or(|view| view.index != *index) {
+                view = View::of(*index, known, bodies, free, params);
+            }
+            if let Some(view) = &view {
+                *slot = view.look(&view.pair.coupling.coupled[group.start as usize..group.end as usize]);
+            }
         }
     };
     if params.threads > 1 {
@@ -59,69 +103,133 @@ pub(super) fn project_control_points(
         work((&scratch.groups, &mut scratch.found));
     }
     contacts.clear();
-    contacts.extend(scratch.found.iter_mut().filter_map(Option::take));
+    for ((index, group), found) in scratch.groups.iter().zip(&mut scratch.found) {
+        let pair = &mut pairs[*index as usize];
+        if let Some(learnt) = found.learnt.take() {
+            let control_point = pair.coupling.coupled[group.start as usize].control_point;
+            pair.remembered[control_point as usize] = learnt;
+        }
+        contacts.extend(found.contact.take());
+    }
 }
 
-fn project_control_point(
+/// One pair, with what all its control points need.
+struct View<'a> {
     index: u32,
-    coupled: &[Coupled],
-    pairs: &[Pair],
-    bodies: &[BodyEntry],
-    free: &[FreeMotion],
-    params: &Parameters,
-) -> Option<Contact> {
-    let control_point = coupled[0].control_point as usize;
-    let pair = &pairs[index as usize];
-    let (entry_a, entry_b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
-    let (skin_a, skin_b) = (entry_a.active_skin()?, entry_b.active_skin()?);
-    let pose_a = entry_a.body.link_pose(entry_a.skin_link);
-    let pose_b = entry_b.body.link_pose(entry_b.skin_link);
-    let pose_ba: Pose = pose_b.inverse() * pose_a;
-
-    // The control point where the last step left it, in the frame of b.
-    let control = &skin_a.surface.control;
-    let x = (pose_ba * Point3::from(control.points[control_point] + pair.side_a.displacement[control_point])).coords;
-    let normal_a = pose_ba * control.normals[control_point];
-
-    let (node_b, nearest) = nearest_node(coupled, skin_b, &x, &normal_a)?;
-    let border = Border::of(skin_b, node_b, &x);
-    let point = (pose_b * Point3::from(x)).coords;
-    let approach = entry_a.free_displacement(&free[pair.a as usize], &point) - entry_b.free_displacement(&free[pair.b as usize], &point);
-    // The plane of the nearest point is off by far less than a leaf gap: most control points can be told to be apart without a projection.
-    let plane_normal = skin_b.surface.normals[nearest];
-    let plane_gap = plane_normal.dot(&(x - skin_b.surface.points[nearest] - pair_displacement_b(pair, skin_b, node_b)));
-    if plane_gap - approach.norm() > params.contact_margin + border.gap {
-        return None;
-    }
-    let tolerance = params.projection_tolerance;
-    let surface_b = &skin_b.surface;
-    let q = project(&x, &surface_b.points, &surface_b.normals, border.ranges(), &border.kernel, Some(&normal_a), tolerance, 10)?;
-    // Artefacts of high curvature: a surface that does not face the control point, or a projection beyond the border of the leaf.
-    if q.normal.dot(&normal_a) >= 0.0 {
-        return None;
-    }
-    let aside = surface_b.points[q.nearest] - q.point;
-    let aside = aside - q.normal * q.normal.dot(&aside);
-    if aside.norm() > BORDER_GAPS * border.gap {
-        return None;
-    }
-    let leaf_b = surface_b.tree.nodes[node_b as usize].representative as usize;
-    let weights_b = surface_b.control_weights(&q.point, &q.normal, leaf_b);
-    let u_b: Vec3 = weights_b.iter().map(|(c, w)| pair.side_b.displacement[c] * w).sum();
-    let gap = q.normal.dot(&(x - q.point - u_b));
-    let normal = pose_b * q.normal;
-    // Enters if it touches now or would after the free motion: nothing fast slips through a step.
-    if gap + normal.dot(&approach).min(0.0) > params.contact_margin {
-        return None;
-    }
-    let frame: Mat3 = contact_frame(&normal, &(pose_a * control.tangents[control_point]));
-    let area = coupled.iter().map(|c| skin_a.surface.tree.nodes[c.node_a as usize].area).fold(0.0, Real::max);
-    Some(Contact { pair: index, body_a: pair.a, body_b: pair.b, control_point: control_point as u32, point, frame, gap, area, weights_b })
+    pair: &'a Pair,
+    a: &'a BodyEntry,
+    b: &'a BodyEntry,
+    skin_a: &'a Skin,
+    skin_b: &'a Skin,
+    free_a: &'a FreeMotion,
+    free_b: &'a FreeMotion,
+    pose_a: Pose,
+    pose_b: Pose,
+    turn_ba: Mat3,
+    shift_ba: Vec3,
+    params: &'a Parameters,
 }
 
-/// Elastic displacement of `b` at the control point of a node, frame of `b`.
-fn pair_displacement_b(pair: &Pair, skin_b: &Skin, node_b: u32) -> Vec3 {
-    pair.side_b.displacement[skin_b.surface.tree.nodes[node_b as usize].representative as usize]
+impl<'a> View<'a> {
+    fn of(index: u32, pairs: &'a [Pair], bodies: &'a [BodyEntry], free: &'a [FreeMotion], params: &'a Parameters) -> Option<Self> {
+        let pair = &pairs[index as usize];
+        let (a, b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
+        let (pose_a, pose_b) = (a.body.link_pose(a.skin_link), b.body.link_pose(b.skin_link));
+        let pose_ba: Pose = pose_b.inverse() * pose_a;
+        Some(Self {
+            index,
+            pair,
+            a,
+            b,
+            skin_a: a.active_skin()?,
+            skin_b: b.active_skin()?,
+            free_a: &free[pair.a as usize],
+            free_b: &free[pair.b as usize],
+            pose_a,
+            pose_b,
+            turn_ba: pose_ba.rotation.to_rotation_matrix().into_inner(),
+            shift_ba: pose_ba.translation.vector,
+            params,
+        })
+    }
+
+    /// Looks where the control point of a group is now.
+    fn look(&self, coupled: &[Coupled]) -> Found {
+        let control_point = coupled[0].control_point as usize;
+        let control = &self.skin_a.surface.control;
+        // The control point where the last step left it, in the frame of b.
+        let x = self.turn_ba * (control.points[control_point] + self.pair.side_a.displacement[control_point]) + self.shift_ba;
+        let point = (self.pose_b * Point3::from(x)).coords;
+        let approach = self.a.free_displacement(self.free_a, &point) - self.b.free_displacement(self.free_b, &point);
+
+        let known = &self.pair.remembered[control_point];
+        let moved = (x - known.x).norm();
+        let mut learnt = None;
+        if moved + if matches!(known.surface, Seen::Nothing) { approach.norm() } else { 0.0 } > known.holds_for {
+            learnt = Some(self.project(&x, control_point, &approach, coupled));
+        }
+        let Seen::Foot { foot, normal, weights } = &learnt.as_ref().unwrap_or(known).surface else {
+            return Found { contact: None, learnt };
+        };
+        let u_b: Vec3 = weights.iter().map(|(c, w)| self.pair.side_b.displacement[c] * w).sum();
+        let gap = normal.dot(&(x - foot - u_b));
+        let world_normal = self.pose_b * normal;
+        // Enters if it touches now or would after the free motion: nothing fast slips through a step.
+        if gap + world_normal.dot(&approach).min(0.0) > self.params.contact_margin {
+            return Found { contact: None, learnt };
+        }
+        let frame: Mat3 = contact_frame(&world_normal, &(self.pose_a * control.tangents[control_point]));
+        let area = coupled.iter().map(|c| self.skin_a.surface.tree.nodes[c.node_a as usize].area).fold(0.0, Real::max);
+        let contact = Contact {
+            pair: self.index,
+            body_a: self.pair.a,
+            body_b: self.pair.b,
+            control_point: control_point as u32,
+            point,
+            frame,
+            gap,
+            area,
+            weights_b: *weights,
+            projected: learnt.is_some(),
+        };
+        Found { contact: Some(contact), learnt }
+    }
+
+    /// Projects `x` on `b`.
+    fn project(&self, x: &Vec3, control_point: usize, approach: &Vec3, coupled: &[Coupled]) -> Remembered {
+        let nothing = |holds_for: Real| Remembered { x: *x, holds_for, surface: Seen::Nothing };
+        let (params, surface) = (self.params, &self.skin_b.surface);
+        let normal_a = self.turn_ba * self.skin_a.surface.control.normals[control_point];
+        let Some((node_b, nearest)) = nearest_node(coupled, self.skin_b, x, &normal_a) else { return nothing(-1.0) };
+        let leaf_b = surface.tree.nodes[node_b as usize].representative as usize;
+        let border = Border::of(self.skin_b, node_b, x);
+        // The plane of the nearest point is off by far less than a leaf gap: most control points can be told to be apart without a projection.
+        let plane_gap = surface.normals[nearest].dot(&(x - surface.points[nearest] - self.pair.side_b.displacement[leaf_b]));
+        let clear = plane_gap - params.contact_margin - border.gap;
+        if clear > approach.norm() {
+            return nothing(clear.min(params.traversal_slack));
+        }
+        let found = project(
+            x,
+            &surface.points,
+            &surface.normals,
+            border.ranges(),
+            &border.kernel,
+            Some(&normal_a),
+            params.projection_tolerance,
+            MOST_PROJECTIONS,
+        );
+        let Some(q) = found else { return nothing(-1.0) };
+        // Artefacts of high curvature: a surface that does not face the control point, or a foot beyond the border of the leaf.
+        let aside = surface.points[q.nearest] - q.point;
+        let aside = aside - q.normal * q.normal.dot(&aside);
+        if q.normal.dot(&normal_a) >= 0.0 || aside.norm() > BORDER_GAPS * border.gap {
+            return nothing(-1.0);
+        }
+        let weights = surface.control_weights(&q.point, &q.normal, leaf_b);
+        let surface = Seen::Foot { foot: q.point, normal: q.normal, weights };
+        Remembered { x: *x, holds_for: params.projection_slack, surface }
+    }
 }
 
 /// Of the coupled nodes, the one with the point nearest to `x` among those that face the control point. Of the leaves that claim a control point the

@@ -3,9 +3,9 @@
 //! `H` is the identity on the side `a` that carries the control points. On side `b` it interpolates from its control points (eq. 8): contact `i` gives
 //! weights `h_ik`, its force goes to them by the same weights, so the compliance between contacts `i` and `j` is `sum_kl h_ik C_kl h_jl`.
 
-use crate::body::{BodyEntry, Skin};
-use crate::collision::{Contact, Pair};
-use crate::gauss_seidel::MatrixFree;
+use super::ElasticRows;
+use crate::body::Skin;
+use crate::collision::Contact;
 use crate::math::{Mat3, Real};
 use crate::surface::Compliance;
 
@@ -17,8 +17,6 @@ pub(super) struct Scratch {
     /// `C = K^-1 (1 - alpha)`: shares of the static compliance over this step.
     share_a: Real,
     share_b: Real,
-    /// Rotation from the frame of `b`'s link to that of `a`'s, the elastic axes of the patch.
-    b_to_a: Mat3,
     /// Contact of each control point of `a`, counted within the patch.
     contact_of_a: Vec<u32>,
     /// Control points of `b` in use, and where each is in that list.
@@ -39,15 +37,26 @@ pub(super) struct Scratch {
 }
 
 impl Scratch {
+    /// Fills the rows of a patch. `turn`: rotation from the link of `b` to that of `a`, whose axes are the elastic axes of the patch.
+    pub fn fill_rows(&mut self, rows: &mut ElasticRows, patch: &[Contact], skins: [&Skin; 2], turn: &Mat3, dt: Real) {
+        self.prepare(patch, skins, turn, dt);
+        for i in 0..patch.len() {
+            self.fill_row(rows, i, patch, skins);
+        }
+        for contact in patch {
+            self.contact_of_a[contact.control_point as usize] = NONE;
+        }
+        for &k in &self.used_b {
+            self.place_of_b[k as usize] = NONE;
+        }
+    }
+
     /// Indexes the contacts of a patch.
-    pub fn prepare(&mut self, patch: &[Contact], pair: &Pair, a: &BodyEntry, b: &BodyEntry, dt: Real) {
-        let (Some(skin_a), Some(skin_b)) = (a.active_skin(), b.active_skin()) else { return };
+    fn prepare(&mut self, patch: &[Contact], [skin_a, skin_b]: [&Skin; 2], turn: &Mat3, dt: Real) {
         self.share_a = 1.0 - skin_a.memory(dt);
         self.share_b = 1.0 - skin_b.memory(dt);
-        let turn = a.body.link_pose(a.skin_link).rotation.inverse() * b.body.link_pose(b.skin_link).rotation;
-        self.b_to_a = turn.to_rotation_matrix().into_inner();
-        resize_at_least(&mut self.contact_of_a, pair.side_a.displacement.len(), NONE);
-        resize_at_least(&mut self.place_of_b, pair.side_b.displacement.len(), NONE);
+        resize_at_least(&mut self.contact_of_a, skin_a.surface.control.len(), NONE);
+        resize_at_least(&mut self.place_of_b, skin_b.surface.control.len(), NONE);
         for (i, contact) in patch.iter().enumerate() {
             self.contact_of_a[contact.control_point as usize] = i as u32;
         }
@@ -61,7 +70,7 @@ impl Scratch {
             for &k in &self.used_b {
                 for &l in &self.used_b {
                     let block = half_space.block(&skin_b.surface.control, k as usize, l as usize);
-                    self.blocks_b.push(self.b_to_a * block * self.b_to_a.transpose() * self.share_b);
+                    self.blocks_b.push(turn * block * turn.transpose() * self.share_b);
                 }
             }
         }
@@ -104,8 +113,7 @@ impl Scratch {
         self.starts_b[place] as usize..self.starts_b[place + 1] as usize
     }
 
-    /// Writes the elastic row of contact `i` of the patch; `first` is the number of the patch's first contact in the whole problem.
-    pub fn push_row(&mut self, w: &mut MatrixFree, i: usize, first: usize, patch: &[Contact], skin_a: &Skin, skin_b: &Skin) {
+    fn fill_row(&mut self, rows: &mut ElasticRows, i: usize, patch: &[Contact], [skin_a, skin_b]: [&Skin; 2]) {
         let mut has_tensor = false;
         let control_point = patch[i].control_point as usize;
         match &skin_a.compliance {
@@ -164,15 +172,14 @@ impl Scratch {
         }
         self.touched.sort_unstable();
         for &j in &self.touched {
-            w.push_isotropic(first + j as usize, std::mem::take(&mut self.row[j as usize]));
+            rows.add_isotropic(j, std::mem::take(&mut self.row[j as usize]));
         }
         self.touched.clear();
         if has_tensor {
-            for (j, block) in self.tensor.iter_mut().enumerate() {
-                w.push_tensor(first + j, block);
-                *block = Mat3::zeros();
-            }
+            rows.add_tensors(&self.tensor);
+            self.tensor.fill(Mat3::zeros());
         }
+        rows.end_row();
     }
 
     fn add(&mut self, j: u32, value: Real) {
@@ -195,16 +202,6 @@ impl Scratch {
                 let (j, weight) = self.contacts_b[c];
                 self.tensor[j as usize] += self.row_b[place] * weight;
             }
-        }
-    }
-
-    /// Leaves the maps clean for the next patch.
-    pub fn finish(&mut self, patch: &[Contact]) {
-        for contact in patch {
-            self.contact_of_a[contact.control_point as usize] = NONE;
-        }
-        for &k in &self.used_b {
-            self.place_of_b[k as usize] = NONE;
         }
     }
 }

@@ -3,7 +3,10 @@
 //! `W = W_rigid + W_deform` is filled in its matrix-free form; [`ContactProblem::assembled`] gives the matrix for tests, export and users' own problems.
 
 mod elastic;
+mod elastic_rows;
 mod free_gap;
+
+pub use elastic_rows::ElasticRows;
 
 use crate::body::{BodyEntry, pair_friction};
 use crate::collision::{Contact, Pair};
@@ -59,7 +62,7 @@ impl ContactProblem {
 pub fn contact_problem(
     out: &mut ContactProblem,
     contacts: &mut Vec<Contact>,
-    pairs: &[Pair],
+    pairs: &mut [Pair],
     bodies: &[BodyEntry],
     free: &[FreeMotion],
     dt: Real,
@@ -77,7 +80,7 @@ pub fn contact_problem(
     }
 }
 
-fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &[Pair], bodies: &[BodyEntry], free: &[FreeMotion], dt: Real) {
+fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodies: &[BodyEntry], free: &[FreeMotion], dt: Real) {
     out.w.clear(bodies.len());
     out.delta_free.clear();
     out.mu.clear();
@@ -91,7 +94,7 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &[Pair], bodies: 
         let end = contacts[first..].iter().position(|c| c.pair != index).map_or(contacts.len(), |count| first + count);
         let start = Instant::now();
         let patch = &contacts[first..end];
-        let pair = &pairs[index as usize];
+        let pair = &mut pairs[index as usize];
         let (entry_a, entry_b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
         if let (Some(skin_a), Some(skin_b)) = (entry_a.active_skin(), entry_b.active_skin()) {
             let mu = pair_friction(&skin_a.material, &skin_b.material);
@@ -101,16 +104,19 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &[Pair], bodies: 
                 out.reactions.push(pair.reaction[contact.control_point as usize]);
             }
             let elastic_axes = entry_a.body.link_pose(entry_a.skin_link).rotation.to_rotation_matrix().into_inner().transpose();
-            out.elastic.prepare(patch, pair, entry_a, entry_b, dt);
             let prepared = Instant::now();
             out.rigid_time += prepared - start;
+            let turn = elastic_axes * entry_b.body.link_pose(entry_b.skin_link).rotation.to_rotation_matrix().into_inner();
+            if !pair.elastic.hold_for(patch, &turn, dt) {
+                pair.elastic.start(patch, &turn, dt);
+                out.elastic.fill_rows(&mut pair.elastic, patch, [skin_a, skin_b], &turn, dt);
+            }
             for (i, contact) in patch.iter().enumerate() {
                 let (slot_a, ja) = rigid_rows(contact, pair.a, entry_a, &free[pair.a as usize], 1.0);
                 let (slot_b, jb) = rigid_rows(contact, pair.b, entry_b, &free[pair.b as usize], -1.0);
                 out.w.push_contact(slot_a, &ja, slot_b, &jb, &(elastic_axes * contact.frame));
-                out.elastic.push_row(&mut out.w, i, first, patch, skin_a, skin_b);
+                pair.elastic.push_row(&mut out.w, i, first);
             }
-            out.elastic.finish(patch);
             out.deform_time += prepared.elapsed();
         }
         first = end;

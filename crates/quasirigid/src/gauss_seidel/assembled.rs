@@ -158,11 +158,16 @@ mod tests {
 
     /// Contacts on four bodies and on a fixed one, with a Gaussian isotropic and a rotated tensor compliance on each patch of one body.
     fn random_operator(n: usize, seed: u64) -> MatrixFree {
+        let mut w = MatrixFree::new();
+        fill(&mut w, n, seed);
+        w
+    }
+
+    fn fill(w: &mut MatrixFree, n: usize, seed: u64) {
         let mut next = numbers(seed);
         let places: Vec<Vec3> = (0..n).map(|_| Vec3::from_fn(|_, _| next())).collect();
         let axes: Vec<Mat3> =
             (0..n).map(|_| Rot::from_scaled_axis(Vec3::from_fn(|_, _| 3.0 * next())).to_rotation_matrix().into_inner()).collect();
-        let mut w = MatrixFree::new();
         w.clear(4);
         for i in 0..n {
             let a = (i % 4) as u32;
@@ -176,7 +181,6 @@ mod tests {
             }
         }
         w.finish().unwrap();
-        w
     }
 
     proptest! {
@@ -214,14 +218,14 @@ mod tests {
 
     #[test]
     fn refilled_operator_forgets_the_last_step() {
-        let mut reused = random_operator(20, 3);
-        let fresh = random_operator(7, 4);
-        reused.clear(4);
-        let other = random_operator(7, 4);
-        reused.clone_from(&other);
-        reused.set_reactions(&[Vec3::new(1.0, 2.0, 3.0); 7]);
-        let mut fresh = fresh;
-        fresh.set_reactions(&[Vec3::new(1.0, 2.0, 3.0); 7]);
+        let (mut reused, mut fresh) = (random_operator(20, 3), random_operator(7, 4));
+        reused.set_reactions(&[Vec3::new(3.0, 2.0, 1.0); 20]);
+        fill(&mut reused, 7, 4);
+        assert_eq!(reused.len(), 7);
+        assert!((0..7).all(|i| reused.displacement(i) == Vec3::zeros()), "reactions of the last step survived");
+        for w in [&mut reused, &mut fresh] {
+            w.set_reactions(&[Vec3::new(1.0, 2.0, 3.0); 7]);
+        }
         assert!((0..7).all(|i| reused.displacement(i) == fresh.displacement(i)));
     }
 

@@ -95,7 +95,7 @@ impl ContactBlock {
         &self.w
     }
 
-    /// The step `rho = 3 / trace(W_ii)` of the natural map, N/m; see [`super::residual`].
+    /// The step `rho = 3 / trace(W_ii)` of the natural map, N/m; see [`super::natural_map_residual`].
     pub fn rho(&self) -> Real {
         3.0 / self.w.trace()
     }

@@ -16,6 +16,7 @@ mod assembled;
 mod contact_solve;
 mod delassus;
 mod matrix_free;
+mod newton;
 mod parameters;
 mod residual;
 mod sweep;

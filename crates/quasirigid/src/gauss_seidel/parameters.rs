@@ -17,7 +17,7 @@ pub struct SolverParameters {
     /// Sweeps at least; taken as 1 if 0. Default 1. Without that one sweep a warm start that is just good enough would never improve, and a held
     /// object would creep by the tolerance. More: only time is lost.
     pub min_sweeps: u32,
-    /// Time at most, looked at after every sweep; the sweep under way is finished. Default none. A budget makes the result depend on the machine:
+    /// Time at most; overrun by a few passes over the contacts. Default none. A budget makes the result depend on the machine:
     /// two runs are then no longer the same bit by bit.
     pub time_budget: Option<Duration>,
 }
@@ -45,7 +45,7 @@ impl SolverParameters {
 /// Why the solver stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stop {
-    /// The residual is within the tolerance.
+    /// The residual is within the tolerance, and the errors are small beside `delta_free` too.
     Converged,
     /// `max_sweeps` were done.
     SweepCap,
@@ -65,8 +65,10 @@ impl Stop {
 /// How a solve went.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SolveReport {
-    /// Sweeps done.
+    /// Sweeps done, Newton steps counted as one each. A Newton step takes the time of 10 to 20 sweeps.
     pub sweeps: u32,
+    /// How many of the sweeps were Newton steps; 0 for soft grasps.
+    pub newton_steps: u32,
     /// Natural-map residual of the reactions returned, no unit. Never an estimate.
     pub residual: Real,
     /// Why it ended.

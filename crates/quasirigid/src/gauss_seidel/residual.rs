@@ -47,6 +47,9 @@ pub fn natural_map(delta: &Vec3, f: &Vec3, mu: Real, rho: Real) -> Vec3 {
 
 /// The residual over all contacts, no unit: norm of [`natural_map`] over norm of `f`.
 ///
+/// With `rho_i = 3 / trace(W_ii)` ([`super::ContactBlock::rho`]) an error in displacement counts as the force that would undo it. If `f` is zero the residual is 0 for an
+/// exact solution and 1 otherwise.
+///
 /// `delta` (m) and `f` (N) in contact frames, `mu` and `rho` (N/m, see the module) one per contact; all of the same length, the shortest counts.
 pub fn natural_map_residual(delta: &[Vec3], f: &[Vec3], mu: &[Real], rho: &[Real]) -> Real {
     let (mut error, mut force) = (0.0, 0.0);

@@ -1,44 +1,77 @@
-//! Block Gauss-Seidel sweeps, accelerated when a problem turns out to be a hard one.
+//! The solver: block Gauss-Seidel sweeps, helped along when a problem turns out to be a hard one.
 //!
 //! A sweep visits the contacts in order and solves each exactly against the newest reactions of all others. It never leaves the cones, needs no step
-//! length, and on a warm start of a resting grasp one sweep is enough. Cost: one row of `W` per contact, and nothing more where the contact is open.
+//! length, and on a warm start of a resting grasp one is enough. Cost: one row of `W` per contact, and nothing more where the contact is and stays open.
+//!
+//! From sweep [`PLAIN_SWEEPS`] on, the sweeps are extrapolated ([`super::anderson`]); an extrapolation after which a sweep has to change more than twice as much as
+//! before is taken back. After [`PATIENCE`] sweeps the problem is one of those where reactions wander from contact to contact, and Newton steps take over
+//! ([`super::newton`]), closed by one last sweep.
+//!
+//! What was tried, sweeps from cold to 1e-8, 164 contacts on three pads (`tests/common/problems.rs`):
+//!
+//! | pads | plain | forward and backward in turn | accelerated |
+//! | --- | --- | --- | --- |
+//! | local, beta 0.7 | 30 | 72 | 18 |
+//! | local, beta 0.7, 30 times stiffer | 87 | 284 | 30 |
+//! | local, beta 0.99 | 356 | more than 1000 | 70; 47 with Newton steps |
+//! | half-space | 80 | 214 | 30 |
+//!
+//! Sweeps in alternating direction lose to sweeps in one direction everywhere. `docs/solver.md` has the rest of the figures.
 
 use std::time::Instant;
 
 use super::anderson::Anderson;
 use super::contact_solve::ContactStatus;
 use super::delassus::Delassus;
+use super::newton::{Newton, residual_about};
 use super::parameters::{SolveReport, SolverParameters, Stop};
-use super::residual::{natural_map, relative};
+use super::residual::relative;
 use crate::math::{Real, Vec3};
 
 /// Sweeps before acceleration begins. The first ones find out which contacts are open, stick and slip; until that settles there is no straight line to
 /// follow, and most warm solves end before.
 const PLAIN_SWEEPS: u32 = 8;
 
+/// Sweeps before Newton steps take over. Soft grasps are done by then; a Newton step costs 10 to 20 sweeps.
+const PATIENCE: u32 = 40;
+
+/// An extrapolation that makes the next sweep change the reactions by this factor more is taken back.
+const SETBACK: Real = 2.0;
+
+/// Converged means also that the errors are below this share of the forces that would undo `delta_free` contact by contact. Where there is no solution,
+/// such as a rigid block in a rigid gap that is too narrow, forces grow without end, and errors become small in comparison with them alone.
+const WORST_ERROR: Real = 1e-2;
+
+/// Forces this many times larger than those that would undo `delta_free` contact by contact are not extrapolated to: there is no solution that way.
+const LARGEST_FORCE: Real = 1e8;
+
 /// Scratch memory of [`solve`], kept from one call to the next so that a step allocates nothing.
 #[derive(Debug, Clone, Default)]
 pub struct Scratch {
     anderson: Anderson,
-    /// Reactions that the sweep under way started from, N.
+    newton: Newton,
+    /// Reactions to compare with or to come back to, N.
     before: Vec<Vec3>,
 }
 
 impl Scratch {
-    /// Makes room for `contacts`, so that later solves of up to as many allocate nothing.
+    /// Makes room for `contacts`, so that solves of up to as many allocate nothing. About 1.6 kB per contact.
     pub fn reserve(&mut self, contacts: usize) {
-        self.before.resize(contacts, Vec3::zeros());
-        self.anderson.reset(contacts);
+        if self.before.len() < contacts {
+            self.before.resize(contacts, Vec3::zeros());
+        }
+        self.anderson.reserve(contacts);
+        self.newton.reserve(contacts);
     }
 }
 
 /// Solves the frictional contact problem `delta = W f + delta_free` of [`super`].
 ///
 /// `delta_free` in m, contact frames; `mu` without unit; `f` in N: the warm start on entry, the reactions on return, exactly in their cones;
-/// `status` is only written. On return `w` holds `f`. At least one sweep is done whatever the warm start.
+/// `status` is only written. On return `w` holds `f`. At least one sweep is done whatever the warm start. A non-finite warm start counts as none.
 ///
 /// The residual of the report is that of the returned `f`, evaluated on its own. It is looked at only when a sweep has changed little, because it costs as
-/// much as a sweep. A non-finite warm start counts as none.
+/// much as a sweep.
 ///
 /// # Panics
 /// If the arrays do not have one entry per contact of `w` (checked by [`super::check_problem`]).
@@ -53,94 +86,198 @@ pub fn solve<W: Delassus>(
 ) -> SolveReport {
     let n = w.len();
     assert!([delta_free.len(), mu.len(), f.len(), status.len()].iter().all(|&length| length == n), "one entry per contact");
-    let start = parameters.time_budget.map(|budget| (Instant::now(), budget));
+    scratch.reserve(n);
     if f.iter().any(|f| !f.iter().all(|x| x.is_finite())) {
         f.fill(Vec3::zeros());
     }
+    let free_force = delta_free.iter().enumerate().map(|(i, d)| (w.diagonal_block(i).rho() * d).norm_squared()).sum::<Real>().sqrt();
+    if free_force == 0.0 {
+        // Nothing to undo: no force is the solution, and sweeps would only halve the warm start time and again.
+        f.fill(Vec3::zeros());
+    }
     w.set_reactions(f);
-    let mut sweeps = 0;
-    // Change of a sweep below which the residual is worth a look.
-    let mut look_below = 2.0 * parameters.tolerance;
-    // Whether the sweep under way starts from an extrapolation, and the change of the sweep before it.
-    let mut extrapolated = false;
-    let mut last_change = Real::INFINITY;
-    loop {
-        let accelerate = sweeps >= PLAIN_SWEEPS;
-        if accelerate {
-            scratch.before.resize(n, Vec3::zeros());
-            scratch.before.copy_from_slice(f);
-        }
-        let change = sweep(w, delta_free, mu, f, status);
-        sweeps += 1;
-        if !change.is_finite() {
-            f.fill(Vec3::zeros());
-            status.fill(ContactStatus::Open);
-            w.set_reactions(f);
-            return SolveReport { sweeps, residual: Real::INFINITY, stop: Stop::NonFinite };
-        }
-        let late = start.is_some_and(|(start, budget)| start.elapsed() >= budget);
-        let last = late || sweeps >= parameters.max_sweeps;
-        if last || (sweeps >= parameters.min_sweeps && change <= look_below) {
-            // From scratch: the sums that the operator updates contact by contact carry rounding.
-            w.set_reactions(f);
-            let residual = residual(w, delta_free, mu, f);
-            if residual <= parameters.tolerance || last {
-                let stop = if residual <= parameters.tolerance {
-                    Stop::Converged
-                } else if late {
-                    Stop::TimeBudget
-                } else {
-                    Stop::SweepCap
-                };
-                return SolveReport { sweeps, residual, stop };
+    let deadline = parameters.time_budget.and_then(|budget| Instant::now().checked_add(budget));
+    let mut run = Run { w, delta_free, mu, f, status, parameters, deadline, free_force, sweeps: 0, newton_steps: 0 };
+    run.sweep_until_patience_ends(scratch).unwrap_or_else(|| run.step_until_done(scratch))
+}
+
+/// One call of [`solve`] under way.
+struct Run<'a, W> {
+    w: &'a mut W,
+    delta_free: &'a [Vec3],
+    mu: &'a [Real],
+    f: &'a mut [Vec3],
+    status: &'a mut [ContactStatus],
+    parameters: &'a SolverParameters,
+    deadline: Option<Instant>,
+    /// Norm of `rho_i delta_free_i`, N.
+    free_force: Real,
+    sweeps: u32,
+    newton_steps: u32,
+}
+
+impl<W: Delassus> Run<'_, W> {
+    /// Sweeps, accelerated after the first few. `None` if the problem needs more than that.
+    fn sweep_until_patience_ends(&mut self, scratch: &mut Scratch) -> Option<SolveReport> {
+        let n = self.f.len();
+        let Scratch { anderson, before, .. } = scratch;
+        let before = &mut before[..n];
+        anderson.restart();
+        let tolerance = self.parameters.tolerance;
+        // Change of a sweep below which the residual is worth a look.
+        let mut look_below = 2.0 * tolerance;
+        // Whether the sweep under way starts from an extrapolation, and the change of the sweep before it.
+        let mut extrapolated = false;
+        let mut last_change = Real::INFINITY;
+        // A Newton step needs a sweep before and one after it: with less than that left, sweeps are better.
+        let patience = if self.parameters.max_sweeps < PATIENCE + 3 { self.parameters.max_sweeps } else { PATIENCE };
+        while self.sweeps < patience.max(self.parameters.min_sweeps) {
+            let accelerate = self.sweeps >= PLAIN_SWEEPS;
+            if accelerate {
+                before.copy_from_slice(self.f);
             }
-            // Residual and change fall together: look again when the change has fallen by the factor that is missing.
-            look_below = change * (parameters.tolerance / residual).min(0.7);
-        }
-        if accelerate {
-            if extrapolated && change > 2.0 * last_change {
-                // The extrapolation made it worse: back to the plain sweep before it.
-                f.copy_from_slice(scratch.anderson.last_image());
-                scratch.anderson.restart();
-                extrapolated = false;
-            } else {
-                if sweeps == PLAIN_SWEEPS + 1 {
-                    scratch.anderson.reset(n);
+            let change = self.sweep();
+            if !change.is_finite() {
+                return Some(self.give_up());
+            }
+            let out_of_time = self.out_of_time(0);
+            if out_of_time.is_some() || (self.sweeps >= self.parameters.min_sweeps && change <= look_below) {
+                let residual = self.residual();
+                if self.converged(residual) {
+                    return Some(self.report(residual, Stop::Converged));
                 }
-                extrapolated = scratch.anderson.extrapolate(&scratch.before, f, mu);
-                last_change = change;
+                if let Some(stop) = out_of_time {
+                    return Some(self.report(residual, stop));
+                }
+                // Residual and change fall together: look again when the change has fallen by the factor that is missing.
+                look_below = change * (tolerance / residual).clamp(0.01, 0.7);
             }
-            w.set_reactions(f);
+            if accelerate {
+                if extrapolated && change > SETBACK * last_change {
+                    self.f.copy_from_slice(anderson.last_image(n));
+                    anderson.restart();
+                    extrapolated = false;
+                } else {
+                    extrapolated = anderson.extrapolate(before, self.f, self.mu);
+                    last_change = change;
+                    if extrapolated && self.force() > LARGEST_FORCE * self.free_force {
+                        self.f.copy_from_slice(anderson.last_image(n));
+                        anderson.restart();
+                        extrapolated = false;
+                    }
+                }
+                self.w.set_reactions(self.f);
+            }
+        }
+        None
+    }
+
+    /// Newton steps, and a last sweep.
+    fn step_until_done(&mut self, scratch: &mut Scratch) -> SolveReport {
+        let Scratch { newton, before, .. } = scratch;
+        newton.restart();
+        let tolerance = self.parameters.tolerance;
+        // A feasible state to come back to, should the steps lead nowhere before time is up. The sweep makes it one: an extrapolation may have come last.
+        self.sweep();
+        let first_residual = self.residual();
+        let before = &mut before[..self.f.len()];
+        before.copy_from_slice(self.f);
+        loop {
+            if self.out_of_time(1).is_none() {
+                let deadline = self.deadline;
+                let late = || deadline.is_some_and(|deadline| Instant::now() >= deadline);
+                newton.advance(self.w, self.delta_free, self.mu, self.f, LARGEST_FORCE * self.free_force, late);
+                self.newton_steps += 1;
+                self.sweeps += 1;
+            }
+            let out_of_time = self.out_of_time(1);
+            if out_of_time.is_some() || self.residual() <= 0.5 * tolerance {
+                if !self.sweep().is_finite() {
+                    return self.give_up();
+                }
+                let residual = self.residual();
+                if self.converged(residual) {
+                    return self.report(residual, Stop::Converged);
+                }
+                if let Some(stop) = out_of_time {
+                    if residual <= first_residual {
+                        return self.report(residual, stop);
+                    }
+                    self.f.copy_from_slice(before);
+                    let residual = self.residual();
+                    self.name_statuses();
+                    return self.report(residual, stop);
+                }
+            }
         }
     }
-}
 
-/// One pass over all contacts. Returns how much it changed the reactions, relative to them.
-fn sweep<W: Delassus>(w: &mut W, delta_free: &[Vec3], mu: &[Real], f: &mut [Vec3], status: &mut [ContactStatus]) -> Real {
-    let (mut changed, mut force) = (0.0, 0.0);
-    for i in 0..f.len() {
-        let block = w.diagonal_block(i);
-        let b = w.displacement(i) + delta_free[i] - block.matrix() * f[i];
-        let (new, new_status) = block.solve(&b, mu[i]);
-        status[i] = new_status;
-        let change = new - f[i];
-        if change != Vec3::zeros() {
-            f[i] = new;
-            w.add_reaction(i, &change);
-            changed += change.norm_squared();
+    /// One pass over all contacts. Returns how much it changed the reactions, relative to them.
+    fn sweep(&mut self) -> Real {
+        let (mut changed, mut force) = (0.0, 0.0);
+        for i in 0..self.f.len() {
+            let block = self.w.diagonal_block(i);
+            let b = self.w.displacement(i) + self.delta_free[i] - block.matrix() * self.f[i];
+            let (new, status) = block.solve(&b, self.mu[i]);
+            self.status[i] = status;
+            let change = new - self.f[i];
+            if change != Vec3::zeros() {
+                self.f[i] = new;
+                self.w.add_reaction(i, &change);
+                changed += change.norm_squared();
+            }
+            force += new.norm_squared();
         }
-        force += new.norm_squared();
+        self.sweeps += 1;
+        relative(changed, force)
     }
-    relative(changed, force)
-}
 
-/// The natural-map residual of `f`, which `w` holds.
-fn residual<W: Delassus>(w: &W, delta_free: &[Vec3], mu: &[Real], f: &[Vec3]) -> Real {
-    let (mut error, mut force) = (0.0, 0.0);
-    for i in 0..f.len() {
-        let delta = w.displacement(i) + delta_free[i];
-        error += natural_map(&delta, &f[i], mu[i], w.diagonal_block(i).rho()).norm_squared();
-        force += f[i].norm_squared();
+    /// The natural-map residual of the reactions. They are handed to `w` anew: its running sums carry rounding.
+    fn residual(&mut self) -> Real {
+        self.w.set_reactions(self.f);
+        residual_about(self.w, self.delta_free, self.mu, self.f, 0.0, &[])
     }
-    relative(error, force)
+
+    /// Norm of all reactions, N.
+    fn force(&self) -> Real {
+        self.f.iter().map(|f| f.norm_squared()).sum::<Real>().sqrt()
+    }
+
+    /// Whether a residual is as good as asked for, and not only because the forces have grown.
+    fn converged(&self, residual: Real) -> bool {
+        residual <= self.parameters.tolerance && residual * self.force() <= WORST_ERROR * self.free_force
+    }
+
+    /// Sets the statuses from the reactions alone.
+    fn name_statuses(&mut self) {
+        for ((status, f), mu) in self.status.iter_mut().zip(self.f.iter()).zip(self.mu) {
+            *status = match f.y.hypot(f.z) {
+                _ if f.x == 0.0 => ContactStatus::Open,
+                friction if friction < mu * f.x * (1.0 - 1e-12) => ContactStatus::Stick,
+                _ => ContactStatus::Slip,
+            };
+        }
+    }
+
+    /// Why to stop here, if `kept` sweeps are to be left.
+    fn out_of_time(&self, kept: u32) -> Option<Stop> {
+        if self.deadline.is_some_and(|deadline| Instant::now() >= deadline) {
+            Some(Stop::TimeBudget)
+        } else if self.sweeps + kept >= self.parameters.max_sweeps {
+            Some(Stop::SweepCap)
+        } else {
+            None
+        }
+    }
+
+    fn report(&self, residual: Real, stop: Stop) -> SolveReport {
+        SolveReport { sweeps: self.sweeps, newton_steps: self.newton_steps, residual, stop }
+    }
+
+    fn give_up(&mut self) -> SolveReport {
+        self.f.fill(Vec3::zeros());
+        self.status.fill(ContactStatus::Open);
+        self.w.set_reactions(self.f);
+        self.report(Real::INFINITY, Stop::NonFinite)
+    }
 }

@@ -1,7 +1,8 @@
 //! Control points: one for each leaf of the sphere tree, its centre projected on the surface. They carry the compliance.
 
 use crate::math::{Real, Vec3, any_perpendicular};
-use crate::surface::moving_least_squares::{Kernel, project};
+use crate::surface::kernel::Kernel;
+use crate::surface::moving_least_squares::project;
 use crate::surface::sphere_tree::SphereTree;
 use std::ops::Range;
 

@@ -5,6 +5,9 @@ pub mod areas;
 pub mod compliance;
 pub mod control_points;
 pub mod eigenvector;
+pub mod kernel;
+mod lane;
+mod local_fit;
 pub mod moving_least_squares;
 pub mod neighbours;
 pub mod normals;
@@ -15,6 +18,8 @@ pub mod surface_model;
 
 pub use compliance::{Compliance, HalfSpaceCompliance, LocalCompliance};
 pub use control_points::{ControlPoints, Weights};
+pub use kernel::Kernel;
+pub use moving_least_squares::Projection;
 pub use neighbours::NeighbourGrid;
 pub use point_surface::PointSurface;
 pub use sphere_tree::SphereTree;

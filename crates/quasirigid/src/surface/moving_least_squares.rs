@@ -25,106 +25,19 @@
 //!
 //! Nothing here allocates.
 
-use crate::error::{Error, Result, check_positive};
-use crate::math::{Mat3, Real, Vec3};
-use crate::surface::eigenvector::smallest_eigenvector;
+use crate::math::{Real, Vec3};
+use crate::surface::lane::LANES;
+use crate::surface::local_fit::{Block, Fit, Moments, nearest_in};
 use std::ops::Range;
 
-/// Bandwidth over point spacing of [`Kernel::for_spacing`].
-const BANDWIDTH_PER_SPACING: Real = 2.0;
-/// Cutoff over bandwidth of [`Kernel::for_spacing`].
-const CUTOFF_PER_BANDWIDTH: Real = 1.8;
-/// The polynomial that stands for the exponential is good up to here.
-const MAX_CUTOFF_PER_BANDWIDTH: Real = 3.0;
-/// Points whose normals differ from the reference by less than 30 degrees have full weight, by more than 60 none (cosines).
-const FULL_AGREEMENT: Real = 0.866_025_403_784_438_6;
-const NO_AGREEMENT: Real = 0.5;
-/// Fewest weighted points that make a plane.
-const MIN_POINTS: u32 = 3;
+pub use crate::surface::kernel::Kernel;
+
 /// Candidates near the query that are copied aside; with more, every evaluation looks at all ranges again.
-const GATHER: usize = 192;
+const GATHER: usize = 160;
 /// A query farther than this share of the cutoff from its nearest point starts from that point's tangent plane.
 const FAR: Real = 0.7;
 /// Orthogonal steps for such a query: each takes the lateral error down by about distance over radius of curvature.
 const FAR_STEPS: usize = 4;
-
-/// The weight `theta(r) = exp(-r^2/h^2) - exp(-c^2/h^2)` for r under the cutoff c, 0 beyond: continuous.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Kernel {
-    bandwidth: Real,
-    cutoff: Real,
-    inverse_bandwidth2: Real,
-    at_cutoff: Real,
-}
-
-impl Kernel {
-    /// Bandwidth `h` and cutoff `c`, m.
-    ///
-    /// # Errors
-    /// [`Error::InvalidValue`] if one is not finite and positive, or the cutoff is over 3 bandwidths.
-    pub fn new(bandwidth: Real, cutoff: Real) -> Result<Self> {
-        check_positive("kernel bandwidth", bandwidth, "m")?;
-        check_positive("kernel cutoff", cutoff, "m")?;
-        let ratio = cutoff / bandwidth;
-        if ratio > MAX_CUTOFF_PER_BANDWIDTH {
-            let expected = format!("at most {MAX_CUTOFF_PER_BANDWIDTH} bandwidths");
-            return Err(Error::value(
-                "kernel cutoff",
-                expected,
-                format!("{ratio} bandwidths"),
-                "points that far have no weight to speak of",
-            ));
-        }
-        Ok(Self { bandwidth, cutoff, inverse_bandwidth2: 1.0 / (bandwidth * bandwidth), at_cutoff: exp_minus(ratio * ratio) })
-    }
-
-    /// The kernel for points `spacing` (m) apart: bandwidth 2 spacings, cutoff 3.6; about 40 points of a flat surface have weight.
-    ///
-    /// # Errors
-    /// [`Error::InvalidValue`] if the spacing is not finite and positive.
-    pub fn for_spacing(spacing: Real) -> Result<Self> {
-        check_positive("point spacing", spacing, "m")?;
-        let bandwidth = BANDWIDTH_PER_SPACING * spacing;
-        Self::new(bandwidth, CUTOFF_PER_BANDWIDTH * bandwidth)
-    }
-
-    /// Bandwidth h, m.
-    pub fn bandwidth(&self) -> Real {
-        self.bandwidth
-    }
-
-    /// Cutoff c, m: points farther away have no weight.
-    pub fn cutoff(&self) -> Real {
-        self.cutoff
-    }
-
-    /// Weight at squared distance `r2` (m^2).
-    pub fn weight(&self, r2: Real) -> Real {
-        if r2 < self.cutoff * self.cutoff { (exp_minus(r2 * self.inverse_bandwidth2) - self.at_cutoff).max(0.0) } else { 0.0 }
-    }
-}
-
-/// `exp(-q)` for 0 <= q <= 9, to 1e-7: Taylor series of `exp(-q/16)`, then four squarings. Several times faster than
-/// the library function, and the same bits on every platform.
-#[inline]
-fn exp_minus(q: Real) -> Real {
-    let t = -q * (1.0 / 16.0);
-    let t2 = t * t;
-    let low = 1.0 + t + t2 * (0.5 + t * (1.0 / 6.0));
-    let high = (1.0 / 24.0 + t * (1.0 / 120.0)) + t2 * (1.0 / 720.0 + t * (1.0 / 5040.0) + t2 * (1.0 / 40320.0));
-    let e = low + t2 * t2 * high;
-    let e2 = e * e;
-    let e4 = e2 * e2;
-    let e8 = e4 * e4;
-    e8 * e8
-}
-
-/// Agreement of two normals with this cosine: 1 within 30 degrees, 0 beyond 60, smooth between.
-#[inline]
-fn agreement(cosine: Real) -> Real {
-    let s = ((cosine - NO_AGREEMENT) * (1.0 / (FULL_AGREEMENT - NO_AGREEMENT))).clamp(0.0, 1.0);
-    s * s * (3.0 - 2.0 * s)
-}
 
 /// Where a position lands on the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -161,8 +74,7 @@ pub fn evaluate(
     facing: Option<&Vec3>,
 ) -> Option<(Real, Vec3)> {
     let cloud = Cloud { points, normals, kernel, facing };
-    let all = || cloud.all(ranges);
-    let fit = cloud.fit(x, cloud.nearest(x, all())?.0, all())?;
+    let fit = cloud.fit(x, cloud.nearest(x, ranges)?.0, ranges)?;
     Some((fit.distance(), fit.normal))
 }
 
@@ -181,28 +93,33 @@ pub fn project(
     max_iterations: u32,
 ) -> Option<Projection> {
     let cloud = Cloud { points, normals, kernel, facing };
-    let (mut nearest, mut r2) = cloud.nearest(x, cloud.all(ranges))?;
-    let mut near = Gathered { indices: [0; GATHER], count: 0, centre: *x, slack: Real::NEG_INFINITY };
-    let far = r2 > FAR * FAR * kernel.cutoff * kernel.cutoff;
+    let (mut nearest, r2) = cloud.nearest(x, ranges)?;
+    let mut near = Gathered::nothing();
+    // About how far the query has to move: its height over the tangent plane of its nearest point.
+    let mut height = normals[nearest].dot(&(x - points[nearest]));
+    let far = r2 > FAR * FAR * kernel.cutoff() * kernel.cutoff();
     let mut y = *x;
     if far {
-        y -= normals[nearest] * normals[nearest].dot(&(x - points[nearest]));
-        r2 = (y - points[nearest]).norm_squared();
+        y -= normals[nearest] * height;
+        height = 0.0;
     }
     let mut iterations = 0;
     let mut last = 0.0;
     loop {
-        // Valid while y stays within the slack of where the candidates were gathered.
+        // The candidates at hand are complete while y stays within the slack of where the candidates were gathered.
         if !near.holds(&y) {
-            near.gather(&cloud, &y, r2.sqrt() + 0.1 * kernel.cutoff, ranges);
+            near.gather(&cloud, &y, height.abs() + 0.1 * kernel.cutoff(), ranges);
+            height = 0.0;
         }
         let fit = if near.count <= GATHER {
-            let list = || near.indices[..near.count].iter().map(|&k| k as usize);
-            nearest = cloud.nearest(&y, list()).map_or(nearest, |n| n.0);
-            cloud.fit(&y, nearest, list())?
+            let blocks = &near.blocks[..near.count.div_ceil(LANES)];
+            nearest = nearest_in(blocks, &y).map_or(nearest, |place| near.indices[place] as usize);
+            let mut moments = Moments::about(&y, &normals[nearest]);
+            blocks.iter().for_each(|block| moments.add(block, kernel));
+            moments.fit()?
         } else {
-            nearest = cloud.nearest(&y, cloud.all(ranges))?.0;
-            cloud.fit(&y, nearest, cloud.all(ranges))?
+            nearest = cloud.nearest(&y, ranges)?.0;
+            cloud.fit(&y, nearest, ranges)?
         };
         iterations += 1;
         let distance = fit.distance();
@@ -224,6 +141,7 @@ pub fn project(
 
 /// The candidates close to one position.
 struct Gathered {
+    blocks: [Block; GATHER / LANES],
     indices: [u32; GATHER],
     /// Over `GATHER` if they did not fit.
     count: usize,
@@ -232,22 +150,35 @@ struct Gathered {
 }
 
 impl Gathered {
+    #[inline(always)]
+    fn nothing() -> Self {
+        let blocks = [Block::EMPTY; GATHER / LANES];
+        Self { blocks, indices: [0; GATHER], count: 0, centre: Vec3::zeros(), slack: Real::NEG_INFINITY }
+    }
+
     fn holds(&self, y: &Vec3) -> bool {
         self.slack >= 0.0 && (y - self.centre).norm_squared() <= self.slack * self.slack
     }
 
     /// Takes all candidates that have weight somewhere within `slack` (m) of `y`.
     fn gather(&mut self, cloud: &Cloud, y: &Vec3, slack: Real, ranges: &[Range<u32>]) {
-        let reach2 = (cloud.kernel.cutoff + slack) * (cloud.kernel.cutoff + slack);
+        let reach2 = (cloud.kernel.cutoff() + slack) * (cloud.kernel.cutoff() + slack);
         let mut count = 0;
-        cloud.all(ranges).for_each(|k| {
-            if (cloud.points[k] - y).norm_squared() < reach2 {
-                if let Some(slot) = self.indices.get_mut(count) {
-                    *slot = k as u32;
+        cloud.for_each(ranges, |k, point, normal| {
+            if (point - y).norm_squared() < reach2 {
+                if count < GATHER {
+                    self.indices[count] = k as u32;
+                    self.blocks[count / LANES].set(count % LANES, point, normal, cloud.faces(normal));
                 }
                 count += 1;
             }
         });
+        // What an earlier, larger gathering left in the last block must not count.
+        if count < GATHER {
+            for lane in count % LANES..LANES {
+                self.blocks[count / LANES].set(lane, &Vec3::zeros(), &Vec3::zeros(), false);
+            }
+        }
         (self.count, self.centre, self.slack) = (count, *y, slack);
     }
 }
@@ -260,84 +191,53 @@ struct Cloud<'a> {
     facing: Option<&'a Vec3>,
 }
 
-/// The local surface as seen from a position: both distances and the normal.
-struct Fit {
-    plane: Real,
-    hermite: Real,
-    normal: Vec3,
-}
-
-impl Fit {
-    fn distance(&self) -> Real {
-        0.5 * (self.plane + self.hermite)
-    }
-}
-
 impl Cloud<'_> {
-    /// All candidates, cut to what there is.
-    fn all<'r>(&self, ranges: &'r [Range<u32>]) -> impl Iterator<Item = usize> + use<'r> {
+    /// Visits all candidates, cut to what there is.
+    #[inline(always)]
+    fn for_each(&self, ranges: &[Range<u32>], mut visit: impl FnMut(usize, &Vec3, &Vec3)) {
         let len = self.points.len().min(self.normals.len());
-        ranges.iter().flat_map(move |r| (r.start as usize).min(len)..(r.end as usize).min(len))
+        for range in ranges {
+            let end = (range.end as usize).min(len);
+            let start = (range.start as usize).min(end);
+            for (i, (point, normal)) in self.points[start..end].iter().zip(&self.normals[start..end]).enumerate() {
+                visit(start + i, point, normal);
+            }
+        }
+    }
+
+    /// Whether a point with this normal may give the reference.
+    #[inline(always)]
+    fn faces(&self, normal: &Vec3) -> bool {
+        self.facing.is_none_or(|facing| normal.dot(facing) < 0.0)
     }
 
     /// Index and squared distance (m^2) of the nearest candidate that faces the query, the first of equals.
-    #[inline]
-    fn nearest(&self, x: &Vec3, candidates: impl Iterator<Item = usize>) -> Option<(usize, Real)> {
+    fn nearest(&self, x: &Vec3, ranges: &[Range<u32>]) -> Option<(usize, Real)> {
         let mut best = (usize::MAX, Real::INFINITY);
-        candidates.for_each(|k| {
-            let r2 = (self.points[k] - x).norm_squared();
-            if r2 < best.1 && self.facing.is_none_or(|facing| self.normals[k].dot(facing) < 0.0) {
+        self.for_each(ranges, |k, point, normal| {
+            let r2 = (point - x).norm_squared();
+            if r2 < best.1 && self.faces(normal) {
                 best = (k, r2);
             }
         });
         (best.0 != usize::MAX).then_some(best)
     }
 
-    /// Fits plane and tangent planes at `x`, in coordinates about `x`: moments of `d = p - x` in one pass.
-    #[inline]
-    fn fit(&self, x: &Vec3, reference: usize, candidates: impl Iterator<Item = usize>) -> Option<Fit> {
-        let reference = self.normals[reference];
-        let cutoff2 = self.kernel.cutoff * self.kernel.cutoff;
-        let (mut count, mut weight) = (0, 0.0);
-        let (mut first, mut normal, mut hermite) = (Vec3::zeros(), Vec3::zeros(), 0.0);
-        let (mut xx, mut yy, mut zz, mut xy, mut xz, mut yz) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-        candidates.for_each(|k| {
-            let d = self.points[k] - x;
-            let r2 = d.norm_squared();
-            if r2 >= cutoff2 {
-                return;
+    /// The local surface at `x`, straight from the ranges.
+    fn fit(&self, x: &Vec3, reference: usize, ranges: &[Range<u32>]) -> Option<Fit> {
+        let mut moments = Moments::about(x, &self.normals[reference]);
+        let mut block = Block::EMPTY;
+        let mut filled = 0;
+        self.for_each(ranges, |_, point, normal| {
+            block.set(filled, point, normal, true);
+            filled += 1;
+            if filled == LANES {
+                moments.add(&block, self.kernel);
+                (block, filled) = (Block::EMPTY, 0);
             }
-            let n = self.normals[k];
-            let w = (exp_minus(r2 * self.kernel.inverse_bandwidth2) - self.kernel.at_cutoff) * agreement(n.dot(&reference));
-            if w <= 0.0 {
-                return;
-            }
-            count += 1;
-            weight += w;
-            let wd = d * w;
-            first += wd;
-            normal += n * w;
-            hermite += n.dot(&wd);
-            xx += wd.x * d.x;
-            yy += wd.y * d.y;
-            zz += wd.z * d.z;
-            xy += wd.x * d.y;
-            xz += wd.x * d.z;
-            yz += wd.y * d.z;
         });
-        if count < MIN_POINTS {
-            return None;
-        }
-        let moment = Mat3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
-        let scatter = moment - first * first.transpose() / weight;
-        let mean_normal = normal.try_normalize(0.1 * weight)?;
-        // Too few or badly placed points can make a plane that stands across the stored normals: then those know better.
-        let normal = match smallest_eigenvector(&scatter).map(|n| (n, n.dot(&mean_normal))) {
-            Some((n, along)) if along > 0.5 => n,
-            Some((n, along)) if along < -0.5 => -n,
-            _ => mean_normal,
-        };
-        Some(Fit { plane: -normal.dot(&first) / weight, hermite: -hermite / weight, normal })
+        moments.add(&block, self.kernel);
+        moments.fit()
     }
 }
 
@@ -356,8 +256,8 @@ mod tests {
         let cloud = Cloud { points: surface.points(), normals: surface.normals(), kernel: &kernel, facing: None };
         let (mut worst, mut angle) = ([0.0 as Real; 3], 0.0 as Real);
         for x in sample_sphere(1.0, 2000).unwrap().normals() {
-            let (nearest, _) = cloud.nearest(x, 0..n).unwrap();
-            let fit = cloud.fit(x, nearest, 0..n).unwrap();
+            let (nearest, _) = cloud.nearest(x, &[0..n as u32]).unwrap();
+            let fit = cloud.fit(x, nearest, &[0..n as u32]).unwrap();
             for (w, e) in worst.iter_mut().zip([fit.plane, fit.hermite, fit.distance()]) {
                 *w = w.max(e.abs() / s);
             }
@@ -381,28 +281,6 @@ mod tests {
                 assert!(order(m, mean) > 2.0, "order of convergence {:.2}", order(m, mean));
             }
         }
-    }
-
-    #[test]
-    fn the_fast_exponential_is_the_exponential() {
-        for i in 0..=900 {
-            let q = i as Real * 0.01;
-            let error = exp_minus(q) / (-q).exp() - 1.0;
-            let bound = if q < 3.3 { 1e-10 } else { 1e-6 };
-            assert!(error.abs() < bound, "exp(-{q}): relative error {error:e}");
-        }
-    }
-
-    #[test]
-    fn the_kernel_is_continuous_and_refuses_nonsense() {
-        let kernel = Kernel::for_spacing(0.001).unwrap();
-        let c = kernel.cutoff();
-        assert_eq!(kernel.weight(c * c), 0.0);
-        assert!(kernel.weight(0.999 * c * c) < 1e-3 && kernel.weight(0.0) > 0.9);
-        for bad in [0.0, -1.0, Real::NAN, Real::INFINITY] {
-            assert!(Kernel::for_spacing(bad).is_err() && Kernel::new(bad, 1.0).is_err() && Kernel::new(1.0, bad).is_err());
-        }
-        assert!(Kernel::new(1.0, 4.0).is_err());
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::math::{Pose, Real, Vec3};
 use crate::surface::control_points::{ControlPoints, MAX_WEIGHTS, Weights};
-use crate::surface::moving_least_squares::Kernel;
+use crate::surface::kernel::Kernel;
 use crate::surface::neighbours::NeighbourGrid;
 use crate::surface::point_surface::PointSurface;
 use crate::surface::sphere_tree::SphereTree;
