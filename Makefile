@@ -45,6 +45,5 @@ $(STAMPS)/venv: requirements.lock
 	mkdir -p $(STAMPS) && touch $@
 
 $(STAMPS)/engine: $(STAMPS)/venv $(ENGINE)
-	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --locked --skip-install
-	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --locked --quiet
 	touch $@
