@@ -44,7 +44,7 @@ TABLE = 0.4
 SUPPORT_DROP = 0.08
 LIFT = 0.05
 SHAKE, SHAKE_FREQUENCY = 0.005, 3.0
-DURATIONS = {"close": 2.0, "squeeze": 3.0, "support away": 0.8, "lift": 1.0, "shake": 1.5}
+DURATIONS = {"close": 2.0, "squeeze": 3.0, "support away": 1.6, "lift": 1.0, "shake": 1.5}
 DURATIONS |= {"hold again": 1.5, "put down": 1.8, "release": 0.6, "fall": 0.3}
 """Seconds. The first hold is as long as asked for; closing and squeezing end sooner when the grip says so."""
 CLOSING = {"close": "closing", "squeeze": "squeezing"}
@@ -264,9 +264,10 @@ class Grasp:
         self.object.set_drive(self._stand, (1.0, 0.0, 0.0, 0.0), stiffness=both[0], damping=both[1])
 
     def _lower_support(self, s: float) -> None:
-        self._hold_by_stand(1.0 - minimum_jerk(2.0 * s))
+        """The support goes in the first half of the time; in the second half the object comes to rest in the fingers."""
+        self._hold_by_stand(1.0 - minimum_jerk(4.0 * s))
         # Squared: it leaves the object slowly, so that the fingers take the load without a jolt.
-        self.support.move_to(self._support_top - [0.0, 0.0, SUPPORT_DROP * minimum_jerk(s) ** 2])
+        self.support.move_to(self._support_top - [0.0, 0.0, SUPPORT_DROP * minimum_jerk(2.0 * s) ** 2])
 
     def _lift(self, s: float) -> None:
         self.hand.move_to(self.palm + np.array([0.0, 0.0, LIFT * minimum_jerk(s)]), self.turn)
