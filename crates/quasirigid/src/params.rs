@@ -4,6 +4,10 @@ use crate::error::{Error, Result, check_finite, check_non_negative, check_positi
 use crate::gauss_seidel::SolverParameters;
 use crate::math::{Real, Vec3};
 
+/// A body that would move, or turn, by more than this in one step before contact forces has gone bad: it is set aside before others can feel it, m or rad.
+/// Far above anything in a grasp, so that nobody meets it by chance; far below where squares of numbers overflow.
+pub(crate) const ABSURD_DISPLACEMENT: Real = 100.0;
+
 /// Parameters of a world. Plain data; [`Parameters::check`] is called when a world is made or its parameters are replaced.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameters {

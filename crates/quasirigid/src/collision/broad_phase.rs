@@ -13,13 +13,11 @@ pub(super) fn reach_of_bodies(bodies: &[BodyEntry], free: &[FreeMotion], reach: 
         let pose = entry.body.link_pose(entry.skin_link);
         let root = &skin.spheres[0];
         let center = pose * nalgebra::Point3::from(root.center);
-        let at = |p: &Vec3| {
-            (entry.body.point_jacobian(entry.skin_link, p) * free.displacement + entry.body.prescribed_displacement(entry.skin_link, p))
-                .norm()
-        };
-        // The displacement field is affine in the point: the centre's and that of four points around it bound it.
-        let turned = [Vec3::x(), Vec3::y(), Vec3::z()].iter().map(|axis| at(&(center.coords + axis * root.radius))).fold(0.0, Real::max);
-        at(&center.coords).max(turned) * 1.5
+        // The displacement field is affine in the point, d(c + r) = d(c) + theta x r: |theta|^2 is half the sum over the axes of |theta x e|^2.
+        let at = |p: &Vec3| entry.free_displacement(free, p);
+        let middle = at(&center.coords);
+        let turned: Real = [Vec3::x(), Vec3::y(), Vec3::z()].iter().map(|e| (at(&(center.coords + e * root.radius)) - middle).norm_squared()).sum();
+        middle.norm() + (0.5 * turned).sqrt()
     }));
 }
 

@@ -228,6 +228,10 @@ impl<'a> View<'a> {
         if q.normal.dot(&normal_a) >= FACES || aside.norm() > BORDER_GAPS * border.gap {
             return nothing(-1.0);
         }
+        // Deep under a face that looks the other way, yet outside: the far side of something thin that a fast body is about to meet on its near side.
+        if q.normal.dot(&(q.point - x)) > surface.spacing && is_outside(coupled, self.skin_b, x) {
+            return nothing(-1.0);
+        }
         let weights = surface.control_weights(&q.point, &q.normal, leaf_b);
         let surface = Seen::Foot { foot: q.point, normal: q.normal, weights };
         Remembered { x: *x, holds_for: params.projection_slack, surface }
@@ -259,6 +263,19 @@ fn nearest_node(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_a: &Vec3) -
         }
     }
     best.map(|(_, node, point)| (node, point))
+}
+
+/// Whether `x` lies outside, as the nearest point of all coupled nodes sees it, facing or not.
+fn is_outside(coupled: &[Coupled], skin_b: &Skin, x: &Vec3) -> bool {
+    let surface = &skin_b.surface;
+    let points = coupled.iter().flat_map(|c| {
+        let node = &surface.tree.nodes[c.node_b as usize];
+        let count = if node.children.is_none() { node.point_count as usize } else { node.sample_len() };
+        (0..count).map(move |k| if node.children.is_none() { node.first_point as usize + k } else { node.sample(k) })
+    });
+    let distance2 = |k: &usize| (surface.points[*k] - x).norm_squared();
+    let nearest = points.min_by(|i, j| distance2(i).total_cmp(&distance2(j)));
+    nearest.is_some_and(|k| surface.normals[k].dot(&(x - surface.points[k])) > 0.0)
 }
 
 /// Points that decide where the surface is: those of the coupled leaf and of its border; of an inner node its sample.

@@ -7,6 +7,7 @@ use super::Pair;
 use crate::body::BodyEntry;
 use crate::math::{Mat3, Pose, Real, Vec3};
 use crate::params::Parameters;
+use crate::surface::sphere_tree::SphereTree;
 use nalgebra::Point3;
 
 /// A node of `a` and a node of `b` that overlap; both leaves unless the budget ran out.
@@ -21,7 +22,7 @@ pub struct Coupled {
 }
 
 /// The coupled nodes of a pair, and how far the two may move before they have to be found again (temporal coherence, which the paper proposes in section 4).
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Coupling {
     /// Ordered by control point.
     pub coupled: Vec<Coupled>,
@@ -32,11 +33,19 @@ pub struct Coupling {
     travel: Real,
 }
 
+impl Default for Coupling {
+    /// Nothing found yet.
+    fn default() -> Self {
+        Self { coupled: Vec::new(), margin: -1.0, pose_ba: Pose::identity(), travel: 0.0 }
+    }
+}
+
 #[derive(Debug, Default)]
 pub(super) struct Traversal {
     pub coarse: bool,
     tests: usize,
     queue: Vec<(u32, u32)>,
+    nodes_a: Vec<u32>,
 }
 
 impl Traversal {
@@ -103,10 +112,30 @@ pub(super) fn traverse(out: &mut Traversal, pair: &mut Pair, bodies: &[BodyEntry
             (Some(_), None) => {} // covered by the guard above
         }
     }
+    if coarse {
+        without_overlap(&mut out.nodes_a, out_coupled, tree_a);
+    }
     out_coupled.sort_unstable_by_key(|c| (c.control_point, c.node_a, c.node_b));
     if coarse {
         // What a spent budget left coarse is looked at again in the next step.
         coupling.margin = -1.0;
         out.coarse = true;
+    }
+}
+
+/// A spent budget may leave a node coupled and nodes below it too, with other partners: the upper one stands for all of them, so that no area counts twice.
+fn without_overlap(nodes_a: &mut Vec<u32>, coupled: &mut [Coupled], tree: &SphereTree) {
+    nodes_a.clear();
+    nodes_a.extend(coupled.iter().map(|c| c.node_a));
+    nodes_a.sort_unstable();
+    nodes_a.dedup();
+    for c in coupled {
+        let mut index = c.node_a;
+        while index != 0 {
+            index = tree.nodes[index as usize].parent;
+            if nodes_a.binary_search(&index).is_ok() {
+                (c.node_a, c.control_point) = (index, tree.nodes[index as usize].representative);
+            }
+        }
     }
 }

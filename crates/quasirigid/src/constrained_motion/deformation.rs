@@ -2,7 +2,7 @@
 
 use crate::body::{BodyEntry, Skin};
 use crate::collision::{Contact, Pair, PatchSide};
-use crate::math::{Real, Vec3};
+use crate::math::{Mat3, Real, Vec3};
 use crate::params::Parameters;
 use crate::surface::Compliance;
 
@@ -52,7 +52,7 @@ pub(super) fn remember(
             // A coarse contact gives with the area of its node: the change of its own diagonal.
             for (contact, f) in patch.iter().zip(forces).filter(|(c, _)| c.area != skin.surface.control.areas[c.control_point as usize]) {
                 let change = self_change(skin, contact) * (1.0 - skin.memory(params.dt));
-                pair.side_a.displacement[contact.control_point as usize] += to_link * (contact.frame * f) * change;
+                pair.side_a.displacement[contact.control_point as usize] += change * (to_link * (contact.frame * f));
             }
         }
         if let Some(skin) = &entry_b.skin {
@@ -67,13 +67,13 @@ pub(super) fn remember(
     }
 }
 
-fn self_change(skin: &Skin, contact: &Contact) -> Real {
+/// What the contact's own compliance changes by, link axes, m/N: the same change that its row of W was given.
+fn self_change(skin: &Skin, contact: &Contact) -> Mat3 {
     let (control, i) = (&skin.surface.control, contact.control_point as usize);
     match &skin.compliance {
-        Compliance::Local(local) => local.change_for_area(control, i, contact.area),
+        Compliance::Local(local) => Mat3::identity() * local.change_for_area(control, i, contact.area),
         Compliance::HalfSpace(half_space) => {
-            let n = control.normals[i];
-            n.dot(&((half_space.self_block(control, i, contact.area) - half_space.self_block(control, i, control.areas[i])) * n))
+            half_space.self_block(control, i, contact.area) - half_space.self_block(control, i, control.areas[i])
         }
     }
 }

@@ -7,7 +7,7 @@ pub use integrate::advance;
 
 use crate::body::BodyEntry;
 use crate::collision::{Contact, Pair};
-use crate::free_motion::{FreeMotion, StepContext};
+use crate::free_motion::{FreeMotion, StepContext, is_sound};
 use crate::math::{Vec3, Vec6};
 use crate::params::Parameters;
 use std::time::{Duration, Instant};
@@ -39,13 +39,16 @@ pub fn constrained_motion(
     generalized_forces(&mut scratch.forces, bodies, contacts, reactions);
     scratch.quarantined.clear();
     for (index, ((entry, free), force)) in bodies.iter_mut().zip(free).zip(&scratch.forces).enumerate() {
+        if free.set_aside {
+            scratch.quarantined.push(index);
+        }
         if entry.quarantined {
             continue;
         }
         let dx = free.displacement + free.response(force);
         let before = entry.body.state();
         advance(&mut entry.body, free, &dx, force, context);
-        if !entry.body.is_finite() {
+        if !(is_sound(&dx) && entry.body.is_finite()) {
             // Nothing non-finite leaves the step: back to where it was, out of the way, and reported.
             entry.body.restore(&before);
             entry.quarantined = true;

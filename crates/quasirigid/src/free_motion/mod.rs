@@ -15,6 +15,7 @@ mod rigid;
 use crate::body::{Body, BodyEntry, JointStop};
 use crate::error::{Result, check_finite, check_positive};
 use crate::math::{MAX_DOF, Mat6, Real, Vec3, Vec6};
+use crate::params::ABSURD_DISPLACEMENT;
 
 /// What all bodies of a step share.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,6 +57,8 @@ pub struct FreeMotion {
     pub motor_slope: Vec6,
     /// Joints held at a stop in this step.
     pub stops: [JointStop; MAX_DOF],
+    /// The body went bad in this step, and was set aside: its motion would be non-finite or absurd.
+    pub set_aside: bool,
 }
 
 impl FreeMotion {
@@ -70,6 +73,7 @@ impl FreeMotion {
             motor_torque: Vec6::zeros(),
             motor_slope: Vec6::zeros(),
             stops: [JointStop::None; MAX_DOF],
+            set_aside: false,
         }
     }
 
@@ -79,10 +83,27 @@ impl FreeMotion {
     }
 }
 
-/// The free motion of all bodies over a step; quarantined ones do not move.
-pub fn free_motions(bodies: &[BodyEntry], context: &StepContext, out: &mut Vec<FreeMotion>) {
+/// The free motion of all bodies over a step; quarantined ones do not move. A body whose motion is not finite, or absurd, is quarantined here: let into
+/// the contact problem it would spoil the step of all that it touches.
+pub fn free_motions(bodies: &mut [BodyEntry], context: &StepContext, out: &mut Vec<FreeMotion>) {
     out.clear();
-    out.extend(bodies.iter().map(|entry| if entry.quarantined { FreeMotion::none() } else { free_motion(&entry.body, context) }));
+    out.extend(bodies.iter_mut().map(|entry| {
+        if entry.quarantined {
+            return FreeMotion::none();
+        }
+        let free = free_motion(&entry.body, context);
+        let told = entry.body.prescribed_displacement(entry.skin_link, &entry.body.link_pose(entry.skin_link).translation.vector);
+        if !(is_sound(&free.displacement) && told.amax() <= ABSURD_DISPLACEMENT) {
+            entry.quarantined = true;
+            return FreeMotion { set_aside: true, ..FreeMotion::none() };
+        }
+        free
+    }));
+}
+
+/// Whether a generalised displacement (m, rad) is finite and not absurd.
+pub(crate) fn is_sound(displacement: &Vec6) -> bool {
+    displacement.iter().all(|x| x.abs() <= ABSURD_DISPLACEMENT)
 }
 
 /// The free motion of one body over a step.
