@@ -210,7 +210,7 @@ def _panel(result: GraspResult) -> Panel:
         "squeeze", f"{s['squeeze_n']:.3g} N, friction {s['friction']:.2g}, {s['compliance']} compliance, {s['object_motion']} bodies"
     )
     if s["drift_m_per_s"] is not None:
-        drift = f"{1e9 * s['drift_m_per_s']:.2g} nm/s, {1e9 * s['spin_rad_per_s']:.2g} nrad/s"
+        drift = f"{_with_prefix(s['drift_m_per_s'], 'm/s')}, {_with_prefix(s['spin_rad_per_s'], 'rad/s')}"
         table.add_row("drift", drift + " in the hand, over the last second of the hold")
         table.add_row("pressing", per_finger("normal_force_n"))
         table.add_row("friction", per_finger("tangential_force_n"))
@@ -231,6 +231,14 @@ def _panel(result: GraspResult) -> Panel:
         border_style="green" if s["held"] else "red",
         expand=False,
     )
+
+
+def _with_prefix(value: float, unit: str) -> str:
+    """A small figure in a unit that reads well: ``"0.02 nm/s"``, ``"1.9 mm/s"``."""
+    for factor, prefix in ((1.0, ""), (1e3, "m"), (1e6, "µ")):
+        if value * factor >= 1.0:
+            return f"{value * factor:.2g} {prefix}{unit}"
+    return f"{value * 1e9:.2g} n{unit}"
 
 
 def _last_phase(summary: dict[str, Any]) -> str:

@@ -44,17 +44,21 @@ TABLE = 0.4
 SUPPORT_DROP = 0.08
 LIFT = 0.05
 SHAKE, SHAKE_FREQUENCY = 0.005, 3.0
-DURATIONS = {"close": 2.0, "squeeze": 3.0, "support away": 0.8, "lift": 1.0, "shake": 1.5}
+DURATIONS = {"close": 2.0, "squeeze": 3.0, "support away": 1.6, "lift": 1.0, "shake": 1.5}
 DURATIONS |= {"hold again": 1.5, "put down": 1.8, "release": 0.6, "fall": 0.3}
 """Seconds. The first hold is as long as asked for; closing and squeezing end sooner when the grip says so."""
 CLOSING = {"close": "closing", "squeeze": "squeezing"}
 """Phases that last while the grip is in this state."""
+STAND_GIVES = 1e-4
+"""How far the stand of an object from a file yields under its weight, m."""
 STANDS_AT = 0.05
 """Share of its weight that the fingers still carry when the object counts as put down."""
 SINK = 0.002
 """How far below the place where it took the object the hand may go to put it down, m."""
 DROPPED_AT = 0.03
 """Moved this far against the hand (m), the object is taken for dropped and the run ends with the phase ``fall``."""
+LOST_FOR = 0.05
+"""The same after as long without a touch, s."""
 GRAVITY = 9.81
 
 Progress = Callable[[str, float], None]
@@ -164,6 +168,8 @@ class Grasp:
         self.object = self.world.add_body(
             self.taken.surface, stuff, mass=self.taken.mass, motion=options.object_motion, position=start, name=self.taken.name
         )
+        self._stand = start
+        self._hold_by_stand(1.0)
         # The palm sits PAD_DEPTH behind the middle between the pads, along the hand's own z axis.
         self.palm = start + self.taken.centre + PAD_DEPTH * self.taken.hand[:, 2]
         self.turn = quaternion_of(self.taken.hand)
@@ -175,6 +181,7 @@ class Grasp:
         self._start_in_hand: FloatArray | None = None
         self._carried = 0.0
         self._stands = False
+        self._untouched = 0.0
 
     def _open_grip(self) -> Grip:
         """A grip with every pad clear of the object by as much as its finger can open."""
@@ -240,9 +247,27 @@ class Grasp:
         for _ in range(round(DURATIONS["fall"] / self.options.dt)):
             self._step("fall", recorder)
 
+    def _hold_by_stand(self, share: float) -> None:
+        """An object from a file need not stand by itself: until the fingers have it, the support holds it like a stand does.
+
+        ``share`` 1 is a stand that gives STAND_GIVES (m) under the object's weight, 0 is none.
+        """
+        if self.options.object is None:
+            return
+        if share <= 0.0:
+            self.object.clear_drive()
+            return
+        mass, length = self.taken.mass.mass, 0.05
+        stiffness = share * mass * GRAVITY / STAND_GIVES
+        damping = 2.0 * math.sqrt(stiffness * mass)
+        both = (stiffness, stiffness * length**2), (damping, damping * length**2)
+        self.object.set_drive(self._stand, (1.0, 0.0, 0.0, 0.0), stiffness=both[0], damping=both[1])
+
     def _lower_support(self, s: float) -> None:
+        """The support goes in the first half of the time; in the second half the object comes to rest in the fingers."""
+        self._hold_by_stand(1.0 - minimum_jerk(4.0 * s))
         # Squared: it leaves the object slowly, so that the fingers take the load without a jolt.
-        self.support.move_to(self._support_top - [0.0, 0.0, SUPPORT_DROP * minimum_jerk(s) ** 2])
+        self.support.move_to(self._support_top - [0.0, 0.0, SUPPORT_DROP * minimum_jerk(2.0 * s) ** 2])
 
     def _lift(self, s: float) -> None:
         self.hand.move_to(self.palm + np.array([0.0, 0.0, LIFT * minimum_jerk(s)]), self.turn)
@@ -265,7 +290,7 @@ class Grasp:
     def _dropped(self) -> bool:
         if self._start_in_hand is None:
             return False
-        return bool(np.linalg.norm(self._object_in_hand() - self._start_in_hand) > DROPPED_AT)
+        return self._untouched > LOST_FOR or bool(np.linalg.norm(self._object_in_hand() - self._start_in_hand) > DROPPED_AT)
 
     def _step(self, phase: str, recorder: Recorder) -> None:
         self.grip.update()
@@ -289,6 +314,7 @@ class Grasp:
         }
         contacts = contact_rows(self.world.contacts(), self.object.index, self._finger_of, len(self.fingers))
         self._carried = float(contacts["hand/force_on_object"][:, 2].sum())
+        self._untouched = 0.0 if contacts["hand/contacts"].any() else self._untouched + self.options.dt
         row.update(contacts)
         recorder.append(row)
 

@@ -7,7 +7,7 @@ use crate::math::{Mat3, Pose, Real, Vec3, contact_frame};
 use crate::params::Parameters;
 use crate::surface::Weights;
 use crate::surface::kernel::Kernel;
-use crate::surface::moving_least_squares::project;
+use crate::surface::moving_least_squares::{FACES, project};
 use nalgebra::Point3;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -36,6 +36,8 @@ pub struct Remembered {
 }
 
 /// The other surface as a control point sees it.
+// A box around the larger variant would be an allocation in the step.
+#[allow(clippy::large_enum_variant)]
 #[derive(Debug, Clone)]
 enum Seen {
     /// Too far, or no projection within the border.
@@ -223,7 +225,7 @@ impl<'a> View<'a> {
         // Artefacts of high curvature: a surface that does not face the control point, or a foot beyond the border of the leaf.
         let aside = surface.points[q.nearest] - q.point;
         let aside = aside - q.normal * q.normal.dot(&aside);
-        if q.normal.dot(&normal_a) >= 0.0 || aside.norm() > BORDER_GAPS * border.gap {
+        if q.normal.dot(&normal_a) >= FACES || aside.norm() > BORDER_GAPS * border.gap {
             return nothing(-1.0);
         }
         // Deep under a face that looks the other way, yet outside: the far side of something thin that a fast body is about to meet on its near side.
@@ -250,7 +252,7 @@ fn nearest_node(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_a: &Vec3) -
         }
         let mut look = |k: usize| {
             let distance2 = (surface.points[k] - x).norm_squared();
-            if best.is_none_or(|(least, ..)| distance2 < least) && surface.normals[k].dot(normal_a) < 0.0 {
+            if best.is_none_or(|(least, ..)| distance2 < least) && surface.normals[k].dot(normal_a) < FACES {
                 best = Some((distance2, c.node_b, k));
             }
         };

@@ -39,6 +39,12 @@ const FAR: Real = 0.7;
 /// Orthogonal steps for such a query: each takes the lateral error down by about distance over radius of curvature.
 const FAR_STEPS: usize = 4;
 
+/// Two surfaces face each other when the product of their outward normals is below this: less than about 75 degrees from opposed.
+///
+/// Not 0: where a box stands near the edge of a table the side of the table is at right angles to the box's face, and a turn of 1e-5 rad would make it
+/// face the box; the contact would then jump between the two faces from step to step.
+pub const FACES: Real = -0.25;
+
 /// Where a position lands on the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Projection {
@@ -53,7 +59,7 @@ pub struct Projection {
 }
 
 /// Signed distance (m, positive outside) and unit normal of the surface at `x`, from the candidates `points[r]` for `r` in
-/// `ranges` with unit outward `normals`. With `facing` only points with `n_k . facing < 0` may give the reference normal: pass the
+/// `ranges` with unit outward `normals`. With `facing` only points with `n_k . facing <` [`FACES`] may give the reference normal: pass the
 /// outward normal of the touching surface. `None` if under 3 points within the cutoff agree with the reference, or they make no plane.
 /// Ranges beyond the end of the arrays are cut.
 ///
@@ -208,7 +214,7 @@ impl Cloud<'_> {
     /// Whether a point with this normal may give the reference.
     #[inline(always)]
     fn faces(&self, normal: &Vec3) -> bool {
-        self.facing.is_none_or(|facing| normal.dot(facing) < 0.0)
+        self.facing.is_none_or(|facing| normal.dot(facing) < FACES)
     }
 
     /// Index and squared distance (m^2) of the nearest candidate that faces the query, the first of equals.

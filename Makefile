@@ -1,0 +1,49 @@
+# Everything runs in .venv, which `setup` makes; stamp files keep it from being made twice.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMPS := $(VENV)/stamps
+ENGINE := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock pyproject.toml
+RESULT ?= out/grasp
+
+.DEFAULT_GOAL := help
+.PHONY: help setup grasp test test-rust test-python lint bench clean
+
+help: ## Show this list.
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{ printf "  make %-12s %s\n", $$1, $$2 }'
+
+setup: $(STAMPS)/engine ## Make .venv and build the engine in release.
+
+grasp: setup ## Run the main job; files go to out/grasp.
+	$(BIN)/quasirigid grasp --out $(RESULT)
+
+test: lint test-rust test-python ## Check format and types, run all tests.
+
+lint: setup
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets --locked -- -D warnings
+	$(BIN)/ruff format --check python
+	$(BIN)/ruff check python
+	$(BIN)/mypy
+
+test-rust: ## Run the Rust tests.
+	cargo test --workspace --locked
+
+test-python: setup ## Run the Python tests.
+	$(BIN)/pytest
+
+bench: ## Run the Rust benchmarks.
+	cargo bench --workspace --locked
+
+clean: ## Remove everything that was built.
+	rm -rf $(VENV) target out python/quasirigid/*.so
+
+$(STAMPS)/venv: requirements.lock
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10) and "quasirigid needs Python 3.10 or newer")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check -r requirements.lock
+	mkdir -p $(STAMPS) && touch $@
+
+$(STAMPS)/engine: $(STAMPS)/venv $(ENGINE)
+	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --locked --quiet
+	touch $@

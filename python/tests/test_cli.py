@@ -1,0 +1,120 @@
+"""The command line as a user meets it: results on standard output, errors in one line, exit codes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from quasirigid.cli import main
+from quasirigid.recording import Recording
+from quasirigid.summary import PHASES
+
+QUICK = ["--points", "4000", "--hold", "1"]
+SUMMARY_KEYS = {
+    "held", "object_mass_kg", "drift_m_per_s", "spin_rad_per_s", "contacts", "residual_max", "unconverged_steps", "steps",
+    "step_ms_median", "step_ms_p99", "normal_force_n", "support_error", "phases",
+}  # fmt: skip
+
+
+def test_grasp_holds_the_box_and_leaves_its_files(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["grasp", *QUICK, "--json", "--out", str(tmp_path)]) == 0
+    out, err = capfd.readouterr()
+    summary = json.loads(out)
+    assert err == ""
+    assert set(summary) >= SUMMARY_KEYS
+    assert summary["held"] is True
+    assert summary["drift_m_per_s"] < 1e-9
+    assert summary["spin_rad_per_s"] < 1e-8
+    assert summary["residual_max"] <= 1e-6
+    assert summary["unconverged_steps"] == 0
+    assert summary["support_error"] < 0.005
+    assert len(summary["normal_force_n"]) == 3
+    assert [phase["name"] for phase in summary["phases"]] == list(PHASES[:-1])
+    assert json.loads((tmp_path / "summary.json").read_text()) == summary
+    for name in ("forces.png", "motion.png", "patches.png"):
+        assert (tmp_path / name).stat().st_size > 20_000
+    with Recording(tmp_path / "recording.h5") as recording:
+        assert recording.complete
+        assert recording.steps == summary["steps"]
+
+
+def test_too_slippery_is_a_result_not_an_error(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["grasp", *QUICK, "--friction", "0.05", "--out", str(tmp_path)]) == 0
+    out, err = capfd.readouterr()
+    assert "dropped" in out
+    assert "Traceback" not in out + err
+    assert json.loads((tmp_path / "summary.json").read_text())["held"] is False
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--mass", "-1"], "mass: expected a finite number > 0 (kg), got -1.0"),
+        (["--mass", "nan"], "got nan"),
+        (["--mass", "heavy"], "--mass"),
+        (["--friction", "-0.5"], "friction"),
+        (["--friction", "inf"], "friction"),
+        (["--material", "cheese"], "fingertip_pulp"),
+        (["--object", "no-such-file.obj"], "no-such-file.obj"),
+        (["--points", "0"], "points"),
+        (["--threads", "0"], "threads"),
+        (["--dt", "0"], "dt"),
+        (["--hold", "nan"], "hold"),
+        (["--squeeze", "0"], "squeeze"),
+        (["--size", "0.1"], "--object"),
+        (["--compliance", "jelly"], "half-space"),
+        (["--seed", "-1"], "seed"),
+        (["--frictoin", "1"], "--friction"),
+    ],
+    ids=" ".join,
+)
+def test_bad_input_is_one_line_and_exit_code_2(tmp_path: Path, capfd: pytest.CaptureFixture[str], arguments: list[str], says: str) -> None:
+    assert main(["grasp", *arguments, "--out", str(tmp_path / "out")]) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1, err
+    assert says in err
+    assert not (tmp_path / "out").exists(), "bad input must leave nothing behind"
+
+
+def test_output_that_cannot_be_written(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("in the way")
+    assert main(["grasp", *QUICK, "--out", str(tmp_path / "file")]) == 2
+    assert "--out" in capfd.readouterr().err
+
+
+def test_help_version_and_materials(capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert capfd.readouterr().out.startswith("quasirigid ")
+    assert main(["grasp", "--help"]) == 0
+    text = capfd.readouterr().out
+    for option in ("--object", "--friction", "--squeeze", "--compliance", "--object-motion", "--json", "--out", "Examples"):
+        assert option in text
+    assert main(["materials"]) == 0
+    assert "fingertip_pulp" in capfd.readouterr().out
+    assert main(["no-such-command"]) == 2
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_interrupted_run_keeps_its_files(tmp_path: Path, number: int, code: int) -> None:
+    command = [sys.executable, "-m", "quasirigid.cli", "grasp", *QUICK, "--hold", "1000", "--out", str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ)) as process:
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline and not (
+            (tmp_path / "recording.h5").exists() and (tmp_path / "recording.h5").stat().st_size > 50_000
+        ):
+            time.sleep(0.1)
+        process.send_signal(number)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == code
+    assert "interrupted" in err
+    assert "Traceback" not in err
+    with Recording(tmp_path / "recording.h5") as recording:
+        assert recording.steps > 100
+        assert not recording.complete
+    assert json.loads((tmp_path / "summary.json").read_text())["interrupted"] is True

@@ -1,0 +1,386 @@
+"""The compiled module, class by class: shapes, units, and what it says to bad input."""
+
+import ast
+import inspect
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import quasirigid as qr
+from quasirigid import _quasirigid
+
+NAN, INF = float("nan"), float("inf")
+BOX = (0.06, 0.06, 0.08)
+
+
+def small_box() -> qr.Surface:
+    return qr.Surface.box(BOX, points=600, control_points=80)
+
+
+def resting_box(**options: Any) -> tuple[qr.World, qr.Body, qr.Body]:
+    """A box of 0.2 kg on a rubber table."""
+    world = qr.World(**options)
+    rubber = qr.Material.preset("rubber")
+    table = world.add_body(qr.Surface.half_space(0.2, points=900), rubber, motion="fixed", name="table")
+    box = world.add_body(small_box(), rubber, mass=qr.MassProperties.box(BOX, mass=0.2), position=(0, 0, 0.04), name="box")
+    return world, table, box
+
+
+# --- shapes and figures ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("surface", "area"),
+    [
+        (lambda n: qr.Surface.box(BOX, points=n), 2 * (0.06 * 0.06 + 2 * 0.06 * 0.08)),
+        (lambda n: qr.Surface.sphere(0.03, points=n), 4 * np.pi * 0.03**2),
+        (lambda n: qr.Surface.capsule(0.01, 0.05, points=n), 4 * np.pi * 0.01**2 + 2 * np.pi * 0.01 * 0.05),
+        (lambda n: qr.Surface.cylinder(0.02, 0.05, points=n), 2 * np.pi * 0.02**2 + 2 * np.pi * 0.02 * 0.05),
+        (lambda n: qr.Surface.half_space(0.3, points=n), 0.09),
+    ],
+    ids=["box", "sphere", "capsule", "cylinder", "half_space"],
+)
+def test_surface_arrays_have_the_shapes_and_areas_promised(surface: Callable[[int], qr.Surface], area: float) -> None:
+    made = surface(1500)
+    m = len(made.control_points)
+    assert len(made) == 1500
+    assert made.points.shape == made.normals.shape == (1500, 3)
+    assert made.areas.shape == (1500,)
+    assert made.control_points.shape == (m, 3)
+    assert made.control_areas.shape == (m,)
+    assert m == pytest.approx(1500 / 7.5, rel=0.05)
+    assert made.area == pytest.approx(area, rel=1e-6)
+    assert made.areas.sum() == pytest.approx(made.area)
+    assert made.control_areas.sum() == pytest.approx(made.area)
+    assert made.spacing == pytest.approx(np.sqrt(area / 1500))
+    np.testing.assert_allclose(np.linalg.norm(made.normals, axis=1), 1.0, atol=1e-12)
+
+
+def test_surface_from_points_keeps_their_order() -> None:
+    ball = qr.Surface.sphere(0.02, points=800)
+    points, normals, areas = ball.points, ball.normals, ball.areas
+    shuffled = np.random.default_rng(0).permutation(800)
+    again = qr.Surface.from_points(points[shuffled], normals[shuffled], areas[shuffled])
+    np.testing.assert_array_equal(again.points, points[shuffled])
+    np.testing.assert_allclose(again.normals, normals[shuffled], atol=1e-15)
+    estimated = qr.Surface.from_points(points.tolist())
+    assert np.einsum("ij,ij->i", estimated.normals, normals).min() > 0.9
+    assert estimated.area == pytest.approx(ball.area, rel=0.05)
+
+
+def test_mass_properties_of_solids() -> None:
+    box = qr.MassProperties.box((1.0, 2.0, 3.0), mass=12.0)
+    np.testing.assert_allclose(box.inertia, np.diag([13.0, 10.0, 5.0]))
+    np.testing.assert_array_equal(box.centre, np.zeros(3))
+    assert qr.MassProperties.sphere(0.1, density=1000.0).mass == pytest.approx(4 / 3 * np.pi)
+    assert qr.MassProperties.cylinder(0.1, 1.0, density=1000.0).mass == pytest.approx(10 * np.pi)
+    assert qr.MassProperties.capsule(0.1, 1.0, density=1000.0).mass == pytest.approx(10 * np.pi + 4 / 3 * np.pi)
+    heavier = box.scaled_to_mass(24.0)
+    np.testing.assert_allclose(heavier.inertia, 2 * box.inertia)
+    assert qr.MassProperties(1.0, (0, 0, 0.1), np.eye(3)).centre[2] == 0.1
+
+
+def test_material_replace_changes_only_what_is_given() -> None:
+    pulp = qr.Material.preset("fingertip_pulp")
+    other = pulp.replace(friction=0.3, compliance="half-space")
+    assert (other.friction, other.compliance, other.density) == (0.3, "half-space", pulp.density)
+    assert other.replace(compliance="local").compliance == pulp.compliance == "local"
+    assert other.replace(young_modulus=2e5).compliance == "half-space"
+    assert {"wood", "rubber", "silicone", "fingertip_pulp"} <= set(qr.Material.preset_names())
+    for name in qr.Material.preset_names():
+        assert qr.Material.preset(name).name == name
+
+
+def test_free_fall_and_velocity() -> None:
+    world = qr.World(dt=1e-3)
+    ball = world.add_body(qr.Surface.sphere(0.02, points=400), qr.Material.preset("rubber"), mass=0.1, position=(0, 0, 1), name="ball")
+    ball.set_velocity((1.0, 0.0, 0.0), (0.0, 0.0, 2.0))
+    report = world.step(100)
+    assert report.contacts == 0
+    assert report.converged
+    np.testing.assert_allclose(ball.linear_velocity, [1.0, 0.0, -0.981], atol=1e-9)
+    np.testing.assert_allclose(ball.angular_velocity, [0.0, 0.0, 2.0], atol=1e-9)
+    np.testing.assert_allclose(ball.position, [0.1, 0.0, 1 - 0.981 * 0.1 / 2], atol=6e-4)
+    np.testing.assert_allclose(ball.quaternion, [np.cos(0.1), 0, 0, np.sin(0.1)], atol=1e-6)
+    assert world.time == pytest.approx(0.1)
+    assert world.steps == 100
+    assert (ball.name, ball.mass) == ("ball", pytest.approx(0.1))
+
+
+def test_contacts_carry_the_weight() -> None:
+    world, table, box = resting_box()
+    report = world.step(300)
+    contacts = world.contacts()
+    n = len(contacts)
+    assert report.contacts == n > 3
+    for name, shape in {
+        "points": (n, 3), "normals": (n, 3), "gaps": (n,), "reactions": (n, 3), "forces": (n, 3), "frames": (n, 3, 3), "areas": (n,),
+        "status": (n,), "body_a": (n,), "body_b": (n,), "control_point": (n,), "pressures": (n,), "friction": (n,),
+    }.items():  # fmt: skip
+        assert getattr(contacts, name).shape == shape, name
+    assert contacts.status.dtype == np.uint8
+    assert set(np.unique(contacts.status)) <= {qr.ContactStatus.Open, qr.ContactStatus.Stick, qr.ContactStatus.Slip}
+    assert {table.index, box.index} == {int(contacts.body_a[0]), int(contacts.body_b[0])}
+    on_box = np.where(contacts.body_a == box.index, 1.0, -1.0)[:, None] * contacts.forces
+    np.testing.assert_allclose(on_box.sum(axis=0), [0, 0, 0.2 * 9.81], atol=1e-3)
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", contacts.frames, contacts.reactions), contacts.forces, atol=1e-12)
+    np.testing.assert_allclose(contacts.frames[:, :, 0], contacts.normals)
+    np.testing.assert_allclose(contacts.pressures, contacts.reactions[:, 0] / contacts.areas)
+    assert contacts.gaps.min() > -1e-7
+    loaded = contacts.reactions[:, 0] > 1e-9
+    assert np.abs(contacts.gaps[loaded]).max() < 1e-7
+    assert list(report.stage_times) == list(qr.STAGES)
+    assert sum(report.stage_times.values()) == pytest.approx(report.step_time, rel=1e-6)
+    assert report.stop_reason == "converged"
+    assert report.quarantined == []
+    assert report.coarse is False
+
+
+def test_fixed_body_is_moved_and_free_body_is_driven() -> None:
+    world, table, box = resting_box()
+    with pytest.raises(qr.QuasirigidError, match="fixed"):
+        box.move_to((0, 0, 1))
+    table.move_to((0, 0, -0.1))
+    box.set_drive((0, 0, 0.3), stiffness=(200.0, 1.0), damping=(15.0, 0.05))
+    world.step(1000)
+    np.testing.assert_allclose(table.position, [0, 0, -0.1], atol=1e-15)
+    assert box.position[2] == pytest.approx(0.3 - 0.2 * 9.81 / 200.0, abs=1e-4)
+    box.clear_drive()
+    box.apply_wrench((0, 0, 0.2 * 9.81))
+    before = box.position
+    world.step(50)
+    np.testing.assert_allclose(box.position, before, atol=1e-4)
+
+
+def test_quasi_static_body_falls_at_terminal_velocity() -> None:
+    world = qr.World(dt=1e-2)
+    ball = world.add_body(
+        qr.Surface.sphere(0.02, points=400), qr.Material.preset("rubber"), mass=0.1, motion="quasi-static", viscosity=(2.0, 0.1)
+    )
+    world.step(10)
+    assert ball.position[2] == pytest.approx(-0.1 * 9.81 / 2.0 * 0.1, rel=1e-9)
+
+
+def test_deformed_points_and_displacements() -> None:
+    world, _, box = resting_box()
+    rest = box.deformed_points()
+    np.testing.assert_allclose(rest, small_box().points + [0, 0, 0.04], atol=1e-12)
+    world.step(300)
+    u = box.displacements()
+    assert u.shape == small_box().control_points.shape
+    assert np.linalg.norm(u, axis=1).max() > 0.0
+
+
+def test_hand_follows_its_targets() -> None:
+    world = qr.World(gravity=(0, 0, 0))
+    model = qr.HandModel.three_finger()
+    hand = world.add_hand(model, position=(0, 0, 0.3), points=600, control_points=80)
+    assert hand.finger_count == 3
+    assert len(hand.finger_names) == len(hand.body_indices) == 3
+    assert model.lower_limits.shape == model.upper_limits.shape == hand.joint_positions.shape == (3, len(model.joint_names))
+    goal = np.array([-0.03, 0.0, -0.085])
+    joints = hand.inverse_kinematics(0, goal, (1, 0, 0))
+    targets = hand.joint_targets
+    targets[0] = joints
+    hand.joint_targets = targets
+    world.step(1000)
+    np.testing.assert_allclose(hand.joint_positions[0], joints, atol=1e-4)
+    positions, quaternions = hand.tip_poses()
+    np.testing.assert_allclose(positions[0], goal + [0, 0, 0.3], atol=1e-4)
+    assert positions.shape == (3, 3)
+    assert quaternions.shape == (3, 4)
+    assert hand.joint_torques.shape == hand.joint_velocities.shape == (3, 4)
+    assert hand.deformed_points(2).shape == (600, 3)
+    assert hand.displacements(1).shape == (80, 3)
+    hand.move_to((0, 0, 0.31))
+    world.step()
+    np.testing.assert_allclose(hand.position, [0, 0, 0.31])
+    np.testing.assert_allclose(hand.quaternion, [1, 0, 0, 0])
+
+
+def test_same_bits_with_any_number_of_threads() -> None:
+    hashes = set()
+    for threads in (1, 1, 2):
+        world, _, box = resting_box(threads=threads)
+        box.set_velocity((0.2, 0, 0))
+        world.step(200)
+        hashes.add(world.state_hash())
+    assert len(hashes) == 1
+
+
+def test_step_lets_other_threads_run() -> None:
+    """While one thread steps, another Python thread counts: the GIL is released."""
+    world, _, _ = resting_box()
+    done = threading.Event()
+
+    def run() -> None:
+        world.step(400)
+        done.set()
+
+    stepping = threading.Thread(target=run)
+    begin = time.perf_counter()
+    stepping.start()
+    longest, last, count = 0.0, time.perf_counter(), 0
+    while not done.is_set():
+        time.sleep(0)
+        now = time.perf_counter()
+        longest, last, count = max(longest, now - last), now, count + 1
+    stepping.join()
+    assert count > 50, "the other thread never ran"
+    assert longest < 0.5 * (last - begin), "the other thread stood still for half of the run"
+
+
+def test_another_thread_may_look_while_one_steps() -> None:
+    world, _, box = resting_box()
+    stepping = threading.Thread(target=lambda: [world.step() for _ in range(200)])
+    stepping.start()
+    heights = []
+    while stepping.is_alive():
+        heights.append(box.position[2])
+        len(world.contacts())
+    stepping.join()
+    assert np.isfinite(heights).all()
+
+
+# --- bad input --------------------------------------------------------------------------------------------------------------
+
+MATERIAL = qr.Material.preset("wood")
+BAD: list[tuple[str, Callable[[], Any], type[Exception], str]] = [
+    ("negative size", lambda: qr.Surface.box((0.1, -0.1, 0.1), points=100), qr.InvalidValueError, "got -0.1"),
+    ("NaN size", lambda: qr.Surface.box((0.1, NAN, 0.1), points=100), qr.InvalidValueError, "NaN"),
+    ("zero points", lambda: qr.Surface.box(BOX, points=0), qr.QuasirigidError, "got 0"),
+    ("negative points", lambda: qr.Surface.sphere(0.1, points=-5), qr.InvalidValueError, "got -5"),
+    ("infinite radius", lambda: qr.Surface.sphere(INF, points=100), qr.InvalidValueError, "inf"),
+    ("zero radius", lambda: qr.Surface.capsule(0.0, 0.1, points=100), qr.InvalidValueError, "got 0"),
+    ("negative length", lambda: qr.Surface.cylinder(0.1, -1.0, points=100), qr.InvalidValueError, "got -1"),
+    ("negative side", lambda: qr.Surface.half_space(-1.0, points=100), qr.InvalidValueError, "got -1"),
+    ("NaN semi-axis", lambda: qr.Surface.fingertip((0.01, 0.01, NAN)), qr.InvalidValueError, "NaN"),
+    ("no control points", lambda: qr.Surface.box(BOX, points=100, control_points=0), qr.InvalidValueError, "control_points"),
+    ("too many control points", lambda: qr.Surface.box(BOX, points=100, control_points=90), qr.InvalidValueError, "control_points"),
+    ("no points", lambda: qr.Surface.from_points(np.zeros((0, 3))), qr.QuasirigidError, "got"),
+    ("all in one place", lambda: qr.Surface.from_points(np.ones((100, 3))), qr.DegenerateSurfaceError, "expected"),
+    ("points with NaN", lambda: qr.Surface.from_points(np.full((100, 3), NAN)), qr.InvalidValueError, "points"),
+    ("points of shape (n, 2)", lambda: qr.Surface.from_points(np.zeros((100, 2))), qr.InvalidShapeError, r"\(100, 2\)"),
+    ("text for points", lambda: qr.Surface.from_points("abc"), qr.InvalidShapeError, "points"),
+    ("fewer normals", lambda: qr.Surface.from_points(np.eye(3), np.zeros((2, 3))), qr.QuasirigidError, "expected"),
+    ("negative mass", lambda: qr.MassProperties.box(BOX, mass=-1.0), qr.InvalidValueError, "got -1"),
+    ("NaN mass", lambda: qr.MassProperties.sphere(0.1, mass=NAN), qr.InvalidValueError, "NaN"),
+    ("mass and density", lambda: qr.MassProperties.sphere(0.1, mass=1.0, density=1.0), qr.InvalidValueError, "both"),
+    ("no mass", lambda: qr.MassProperties.sphere(0.1), qr.InvalidValueError, "neither"),
+    ("impossible inertia", lambda: qr.MassProperties(1.0, (0, 0, 0), np.diag([1.0, 1.0, 5.0])), qr.InvalidValueError, "inertia"),
+    ("inertia of shape (3,)", lambda: qr.MassProperties(1.0, (0, 0, 0), (1, 1, 1)), qr.InvalidShapeError, "inertia"),
+    ("unknown material", lambda: qr.Material.preset("cheese"), qr.UnknownNameError, "fingertip_pulp"),
+    ("negative friction", lambda: MATERIAL.replace(friction=-0.1), qr.InvalidValueError, "friction"),
+    ("NaN density", lambda: MATERIAL.replace(density=NAN), qr.InvalidValueError, "density"),
+    ("Poisson's ratio", lambda: MATERIAL.replace(poisson_ratio=0.7), qr.InvalidValueError, "0.7"),
+    ("unknown compliance", lambda: MATERIAL.replace(compliance="jelly"), qr.UnknownNameError, "half-space"),  # type: ignore[arg-type]
+    ("zero dt", lambda: qr.World(dt=0.0), qr.InvalidValueError, "dt"),
+    ("NaN gravity", lambda: qr.World(gravity=(0, 0, NAN)), qr.InvalidValueError, "gravity"),
+    ("gravity of two numbers", lambda: qr.World(gravity=(0, 0)), qr.InvalidShapeError, "gravity"),
+    ("no threads", lambda: qr.World(threads=0), qr.InvalidValueError, "threads"),
+    ("negative tolerance", lambda: qr.World(tolerance=-1.0), qr.InvalidValueError, "tolerance"),
+    ("no sweeps", lambda: qr.World(max_sweeps=0), qr.InvalidValueError, "max_sweeps"),
+    ("negative time budget", lambda: qr.World(time_budget=-1.0), qr.InvalidValueError, "time_budget"),
+    ("negative margin", lambda: qr.World(contact_margin=-1.0), qr.InvalidValueError, "contact_margin"),
+    ("body without mass", lambda: qr.World().add_body(small_box(), MATERIAL), qr.InvalidValueError, "mass"),
+    ("text for mass", lambda: qr.World().add_body(small_box(), MATERIAL, mass="heavy"), qr.InvalidValueError, "mass"),  # type: ignore[arg-type]
+    ("negative body mass", lambda: qr.World().add_body(small_box(), MATERIAL, mass=-1.0), qr.InvalidValueError, "mass"),
+    ("unknown motion", lambda: qr.World().add_body(small_box(), MATERIAL, mass=1, motion="flying"), qr.UnknownNameError, "flying"),  # type: ignore[arg-type]
+    ("fixed hand", lambda: qr.World().add_hand(motion="fixed"), qr.UnknownNameError, "fixed"),  # type: ignore[arg-type]
+    ("zero quaternion", lambda: qr.World().add_hand(quaternion=(0, 0, 0, 0)), qr.InvalidValueError, "quaternion"),
+    ("infinite position", lambda: qr.World().add_hand(position=(0, INF, 0)), qr.InvalidValueError, "position"),
+    ("no steps", lambda: qr.World().step(0), qr.InvalidValueError, "n:"),
+    ("steps back", lambda: qr.World().step(-1), qr.InvalidValueError, "n:"),
+    ("removing a number", lambda: qr.World().remove(3), qr.InvalidHandleError, "remove"),  # type: ignore[arg-type]
+]
+
+
+@pytest.mark.parametrize(("call", "error", "says"), [case[1:] for case in BAD], ids=[case[0] for case in BAD])
+def test_bad_input_is_a_typed_error_that_helps(call: Callable[[], Any], error: type[Exception], says: str) -> None:
+    with pytest.raises(error, match=says) as caught:
+        call()
+    assert isinstance(caught.value, qr.QuasirigidError)
+    assert caught.value.what
+    assert caught.value.expected
+    assert caught.value.hint
+
+
+def test_bad_input_to_handles() -> None:
+    world, table, box = resting_box()
+    hand = world.add_hand(position=(0, 0, 1), points=600, control_points=80)
+    before = hand.joint_positions
+    for call in (
+        lambda: box.apply_wrench((NAN, 0, 0)),
+        lambda: table.move_to((0, 0, INF)),
+        lambda: box.set_drive((0, 0, 0), stiffness=(-1.0, 0.0), damping=(0.0, 0.0)),
+        lambda: box.set_velocity((0, NAN, 0)),
+        lambda: setattr(hand, "joint_targets", np.full((3, 4), NAN)),
+        lambda: setattr(hand, "joint_positions", np.full((3, 4), 99.0)),
+        lambda: hand.inverse_kinematics(0, (1, 1, 1), (1, 0, 0)),
+        lambda: hand.inverse_kinematics(7, (0, 0, -0.08), (1, 0, 0)),
+        lambda: hand.deformed_points(-1),
+        lambda: hand.grip(np.ones((3, 3)), np.eye(3)),
+        lambda: hand.move_to((0, 0, 0), (0, 0, 0, 0)),
+    ):
+        with pytest.raises(qr.InvalidValueError):
+            call()
+    with pytest.raises(qr.InvalidShapeError, match=r"\(3, 4\)"):
+        hand.joint_targets = np.zeros((2, 4))
+    with pytest.raises(qr.InvalidShapeError):
+        hand.grip(np.zeros((2, 3)), np.zeros((2, 3)))
+    np.testing.assert_array_equal(hand.joint_positions, before)
+
+
+def test_removed_bodies_and_hands_are_refused() -> None:
+    world, _, box = resting_box()
+    hand = world.add_hand(position=(0, 0, 1), points=600, control_points=80)
+    world.remove(box)
+    world.remove(hand)
+    world.step()
+    for call in (lambda: box.position, lambda: box.deformed_points(), lambda: hand.joint_positions, lambda: world.remove(box)):
+        with pytest.raises(qr.InvalidHandleError):
+            call()
+    assert "removed" in repr(box)
+
+
+# --- stubs ------------------------------------------------------------------------------------------------------------------
+
+
+def stub() -> dict[str, Any]:
+    tree = ast.parse(Path(_quasirigid.__file__).with_name("_quasirigid.pyi").read_text())
+    names: dict[str, Any] = {}
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef):
+            members = {n.name: n for n in node.body if isinstance(n, ast.FunctionDef)}
+            fields = {n.target.id for n in node.body if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name)}
+            names[node.name] = (members, fields)
+    return names
+
+
+def test_stubs_name_exactly_what_the_module_has() -> None:
+    classes = {name: thing for name, thing in vars(_quasirigid).items() if inspect.isclass(thing)}
+    described = stub()
+    assert set(classes) == set(described)
+    for name, thing in classes.items():
+        members, fields = described[name]
+        there = {m for m in vars(thing) if not m.startswith("_")}
+        assert there == {m for m in members if not m.startswith("_")} | fields, name
+        assert ("__len__" in vars(thing)) == ("__len__" in members), name
+
+
+def test_stubs_have_the_parameters_of_the_module() -> None:
+    for name, (members, _) in stub().items():
+        for member, node in members.items():
+            if member.startswith("__") or any(
+                isinstance(d, ast.Name | ast.Attribute) for d in node.decorator_list if "staticmethod" not in ast.dump(d)
+            ):
+                continue
+            signature = inspect.signature(getattr(getattr(_quasirigid, name), member))
+            there = [p for p in signature.parameters if p != "self"]
+            stubbed = [a.arg for a in [*node.args.args, *node.args.kwonlyargs] if a.arg != "self"]
+            assert there == stubbed, f"{name}.{member}"
