@@ -219,9 +219,9 @@ class Grasp:
             steps = max(1, round(duration / dt))
             if name == "support away":
                 self.grip.hold()
-            elif name == "hold":
+            if name in ("support away", "hold"):
                 self._start_in_hand = self._object_in_hand()
-            elif name == "release":
+            if name == "release":
                 self._start_in_hand = None
                 self.grip.open()
             for k in range(steps):

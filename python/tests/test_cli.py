@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from quasirigid.cli import main
@@ -48,7 +49,48 @@ def test_too_slippery_is_a_result_not_an_error(tmp_path: Path, capfd: pytest.Cap
     out, err = capfd.readouterr()
     assert "dropped" in out
     assert "Traceback" not in out + err
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["held"] is False
+    assert summary["phases"][-1]["name"] == "fall"
+
+
+def test_too_heavy_for_the_squeeze_slips(tmp_path: Path) -> None:
+    assert main(["grasp", *QUICK, "--mass", "5", "--json", "--out", str(tmp_path)]) == 0
     assert json.loads((tmp_path / "summary.json").read_text())["held"] is False
+
+
+@pytest.mark.parametrize("choice", [["--compliance", "half-space"], ["--object-motion", "quasi-static"]], ids=" ".join)
+def test_every_model_holds_the_box(tmp_path: Path, choice: list[str]) -> None:
+    assert main(["grasp", "--points", "2000", "--hold", "1", *choice, "--json", "--out", str(tmp_path)]) == 0
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["held"] is True
+    assert summary["drift_m_per_s"] < 1e-9
+    assert summary["unconverged_steps"] == 0
+
+
+@pytest.mark.parametrize("name", ["banana.ply", "cloud.npy"])
+def test_objects_from_files(tmp_path: Path, name: str) -> None:
+    import trimesh
+
+    bar = trimesh.creation.capsule(height=0.08, radius=0.018).apply_transform(trimesh.transformations.rotation_matrix(1.5708, [0, 1, 0]))
+    if name.endswith(".ply"):
+        bar.export(tmp_path / name)
+    else:
+        np.save(tmp_path / name, np.asarray(trimesh.sample.sample_surface_even(bar, 6000, seed=0)[0]))
+    out = tmp_path / "out"
+    assert main(["grasp", "--object", str(tmp_path / name), "--points", "4000", "--hold", "1", "--json", "--out", str(out)]) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["held"] is True
+    assert summary["drift_m_per_s"] < 1e-9
+
+
+@pytest.mark.parametrize(("size", "says"), [("0.3", "mm"), ("0.004", "mm")])
+def test_object_that_does_not_fit_the_hand(tmp_path: Path, capfd: pytest.CaptureFixture[str], size: str, says: str) -> None:
+    import trimesh
+
+    trimesh.creation.icosphere(subdivisions=4, radius=0.5).export(tmp_path / "ball.obj")
+    assert main(["grasp", "--object", str(tmp_path / "ball.obj"), "--size", size, "--points", "2000", "--out", str(tmp_path / "out")]) == 2
+    assert says in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(
