@@ -251,6 +251,9 @@ class Body:
         """Let go of the spring of ``set_drive``."""
     def deformed_points(self) -> FloatArray:
         """Points of the surface as deformed now, (n, 3) m, world."""
+
+    def deformed_normals(self) -> FloatArray:
+        """Outward unit normals of the deformed points, (n, 3), world. Computed when asked for: a step does not need them."""
     def displacements(self) -> FloatArray:
         """Elastic displacement ``u`` at the control points, (m, 3) m, body frame."""
 
@@ -299,6 +302,9 @@ class Hand:
         """
     def deformed_points(self, finger: int) -> FloatArray:
         """Points of the fingertip as deformed now, (n, 3) m, world."""
+
+    def deformed_normals(self, finger: int) -> FloatArray:
+        """Outward unit normals of the deformed points of a fingertip, (n, 3), world."""
     def displacements(self, finger: int) -> FloatArray:
         """Elastic displacement ``u`` at the control points of the fingertip, (m, 3) m, frame of its link."""
     def grip(

@@ -37,6 +37,15 @@ pub fn deformed_points(entry: &BodyEntry) -> Vec<Vec3> {
     points
 }
 
+/// The normals of a body's surface as deformed now, world.
+pub fn deformed_normals(entry: &BodyEntry) -> Vec<Vec3> {
+    let Some(skin) = &entry.skin else { return Vec::new() };
+    let turn = entry.body.link_pose(entry.skin_link).rotation;
+    let mut normals = skin.surface.in_callers_order(&skin.deformed_normals());
+    normals.iter_mut().for_each(|n| *n = turn * *n);
+    normals
+}
+
 /// The elastic displacement of every control point, frame of the link.
 pub fn displacements(entry: &BodyEntry) -> Vec<Vec3> {
     entry.skin.as_ref().map_or_else(Vec::new, |skin| skin.displacement.clone())
@@ -135,6 +144,11 @@ impl Body {
 
     fn clear_drive(&self, py: Python<'_>) -> PyResult<()> {
         self.write(py, |body| body.set_drive(None))
+    }
+
+    fn deformed_normals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        let normals = self.world.get().lock(py).entry(self.handle).map(deformed_normals).or_raise(py)?;
+        conv::from_points(py, normals)
     }
 
     fn deformed_points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {

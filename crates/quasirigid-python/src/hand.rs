@@ -1,6 +1,6 @@
 //! `Hand`: a handle to a hand of a world.
 
-use crate::body::{deformed_points, displacements};
+use crate::body::{deformed_normals, deformed_points, displacements};
 use crate::conv;
 use crate::errors::{OrRaise, to_py};
 use crate::grip::Grip;
@@ -177,6 +177,11 @@ impl Hand {
     fn deformed_points<'py>(&self, py: Python<'py>, finger: i64) -> PyResult<Bound<'py, PyArray2<Real>>> {
         let points = self.entry(py, finger, deformed_points)?;
         conv::from_points(py, points)
+    }
+
+    fn deformed_normals<'py>(&self, py: Python<'py>, finger: i64) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        let normals = self.entry(py, finger, deformed_normals)?;
+        conv::from_points(py, normals)
     }
 
     fn displacements<'py>(&self, py: Python<'py>, finger: i64) -> PyResult<Bound<'py, PyArray2<Real>>> {

@@ -151,7 +151,7 @@ impl World {
         if let Some((linear, angular)) = viscosity {
             body.set_viscosity(linear, angular).or_raise(py)?;
         }
-        let handle = this.get().lock(py).add_body(body, Some((surface.engine.clone(), material.engine.clone())));
+        let handle = this.get().lock(py).add_body(body, Some((surface.engine.clone(), material.engine.clone()))).or_raise(py)?;
         Ok(Body { world: this.clone().unbind(), handle })
     }
 

@@ -16,13 +16,13 @@ fn main() -> quasirigid::Result<()> {
 
     let surface = Arc::new(Surface::build(shapes::sample_box(Vec3::new(0.02, 0.02, 0.01), 1_000)?, None)?);
     let body = RigidBody::fixed("stand", Pose::translation(0.0, 0.0, -0.005))?;
-    let stand = world.add_body(body, Some((surface, Material::preset("rubber")?)));
+    let stand = world.add_body(body, Some((surface, Material::preset("rubber")?)))?;
 
     let size = Vec3::new(0.05, 0.05, 0.05);
     let surface = Arc::new(Surface::build(shapes::sample_box(size, 12_000)?, None)?);
     let mass = MassProperties::cuboid(size, Amount::Mass(0.2))?;
     let body = RigidBody::free("box", mass, Motion::Inertial, Pose::translation(0.0, 0.0, 0.025))?;
-    let object = world.add_body(body, Some((surface, Material::preset("wood")?)));
+    let object = world.add_body(body, Some((surface, Material::preset("wood")?)))?;
 
     let surface = Arc::new(Surface::build(shapes::sample_fingertip(Vec3::new(0.009, 0.009, 0.008), 2_400)?, Some(320))?);
     let pose = |side: Real, distance: Real| {
@@ -33,7 +33,7 @@ fn main() -> quasirigid::Result<()> {
     let mut pads = Vec::new();
     for side in [-1.0, 1.0] {
         let body = RigidBody::fixed("pad", pose(side, START))?;
-        pads.push((side, world.add_body(body, Some((surface.clone(), Material::preset("fingertip_pulp")?)))));
+        pads.push((side, world.add_body(body, Some((surface.clone(), Material::preset("fingertip_pulp")?)))?));
     }
 
     let steps = 300;

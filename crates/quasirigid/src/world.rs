@@ -110,9 +110,15 @@ impl World {
     }
 
     /// Adds a rigid body, with a surface if it is to touch anything.
-    pub fn add_body(&mut self, body: RigidBody, skin: Option<(Arc<Surface>, Material)>) -> BodyHandle {
+    ///
+    /// # Errors
+    /// [`Error::InvalidValue`] for a material whose fields were changed to what [`Material::check`] refuses.
+    pub fn add_body(&mut self, body: RigidBody, skin: Option<(Arc<Surface>, Material)>) -> Result<BodyHandle> {
+        if let Some((_, material)) = &skin {
+            material.check()?;
+        }
         let skin = skin.map(|(surface, material)| Skin::new(surface, material));
-        self.add_entry(BodyEntry { body: Body::Rigid(body), skin, skin_link: 0, hand: None, quarantined: false })
+        Ok(self.add_entry(BodyEntry { body: Body::Rigid(body), skin, skin_link: 0, hand: None, quarantined: false }))
     }
 
     /// Adds a hand with its base at `base`; every fingertip gets the pad `surface` (pad frame) of `material`.

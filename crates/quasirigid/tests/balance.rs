@@ -86,7 +86,7 @@ fn ball(world: &mut World, name: &str, points: usize, position: Vec3, velocity: 
     let mass = MassProperties::sphere(radius, Amount::Mass(0.03)).unwrap();
     let mut body = RigidBody::free(name, mass, Motion::Inertial, Pose::from_parts(position.into(), Rot::identity())).unwrap();
     body.set_velocity(velocity, spin).unwrap();
-    world.add_body(body, Some((surface, Material::preset("ecoflex").unwrap())))
+    world.add_body(body, Some((surface, Material::preset("ecoflex").unwrap()))).unwrap()
 }
 
 #[test]
@@ -192,11 +192,11 @@ fn foretold_against_done(model: ComplianceModel, dt: Real) -> (Real, Real, Real)
     let place = |z: Real, x: Real, turn: Real| {
         Pose::from_parts(Vec3::new(x, 0.3 * x, 0.01 + 0.008 + z).into(), Rot::from_axis_angle(&Vec3::z_axis(), turn) * down)
     };
-    let fingertip = world.add_body(RigidBody::fixed("pad", place(-2e-4, 0.0, 0.0)).unwrap(), Some((Arc::new(pad), pulp)));
+    let fingertip = world.add_body(RigidBody::fixed("pad", place(-2e-4, 0.0, 0.0)).unwrap(), Some((Arc::new(pad), pulp))).unwrap();
     let mass = MassProperties::cuboid(Vec3::new(0.06, 0.06, 0.02), Amount::Mass(0.1)).unwrap();
     let mut body = RigidBody::free("plate", mass, Motion::Inertial, Pose::identity()).unwrap();
     body.set_drive(Some(PoseDrive::new(Pose::identity(), [2e3, 2.0], [20.0, 0.02]).unwrap())).unwrap();
-    let slab = world.add_body(body, Some((Arc::new(plate), rubber)));
+    let slab = world.add_body(body, Some((Arc::new(plate), rubber))).unwrap();
 
     let (mut worst_gap, mut worst_slip, mut largest): (Real, Real, Real) = (0.0, 0.0, 0.0);
     let state = |world: &World| {

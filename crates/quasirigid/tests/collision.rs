@@ -22,11 +22,11 @@ fn pressed(
     let mut world = World::new(Parameters { gravity: Vec3::zeros(), ..params }).unwrap();
     let surface = |points, leaves| Arc::new(Surface::build(points, Some(leaves)).unwrap());
     let pulp = Material::preset("fingertip_pulp").unwrap();
-    let pad = world.add_body(RigidBody::fixed("pad", pose).unwrap(), Some((surface(a, leaves_a), pulp)));
+    let pad = world.add_body(RigidBody::fixed("pad", pose).unwrap(), Some((surface(a, leaves_a), pulp))).unwrap();
     let mass = MassProperties::cuboid(Vec3::repeat(0.05), Amount::Mass(0.1)).unwrap();
     let mut body = RigidBody::free("object", mass, Motion::Inertial, Pose::identity()).unwrap();
     body.set_drive(Some(PoseDrive::new(Pose::identity(), [1e6, 1e3], [0.0, 0.0]).unwrap())).unwrap();
-    let object = world.add_body(body, Some((surface(b, leaves_b), Material::preset("wood").unwrap())));
+    let object = world.add_body(body, Some((surface(b, leaves_b), Material::preset("wood").unwrap()))).unwrap();
     (world, pad, object)
 }
 
@@ -147,12 +147,12 @@ fn a_small_budget_gives_fewer_contacts_that_press_as_hard_and_says_so() {
             let mut world = World::new(Parameters { gravity: Vec3::zeros(), ..params }).unwrap();
             let pulp = Material::preset("fingertip_pulp").unwrap().with_model(model).unwrap();
             let pad = Arc::new(Surface::build(fingertip(2_400), Some(320)).unwrap());
-            let pad = world.add_body(RigidBody::fixed("pad", pad_pose(1e-3, 0.0)).unwrap(), Some((pad, pulp)));
+            let pad = world.add_body(RigidBody::fixed("pad", pad_pose(1e-3, 0.0)).unwrap(), Some((pad, pulp))).unwrap();
             let surface = Arc::new(Surface::build(shapes::sample_box(Vec3::repeat(0.05), 4_800).unwrap(), Some(640)).unwrap());
             let mass = MassProperties::cuboid(Vec3::repeat(0.05), Amount::Mass(0.1)).unwrap();
             let mut body = RigidBody::free("object", mass, Motion::Inertial, Pose::identity()).unwrap();
             body.set_drive(Some(PoseDrive::new(Pose::identity(), [1e6, 1e3], [0.0, 0.0]).unwrap())).unwrap();
-            world.add_body(body, Some((surface, Material::preset("wood").unwrap())));
+            world.add_body(body, Some((surface, Material::preset("wood").unwrap()))).unwrap();
             let mut coarse = true;
             let mut report = world.step();
             for _ in 0..150 {

@@ -110,7 +110,7 @@ fn bodies_in_one_another() {
             Motion::Inertial,
             Pose::from_parts(Vec3::new(2e-3 * k as Real, 0.0, 0.0).into(), turn),
         );
-        world.add_body(body.unwrap(), Some((cube.clone(), Material::preset("silicone").unwrap())));
+        world.add_body(body.unwrap(), Some((cube.clone(), Material::preset("silicone").unwrap()))).unwrap();
     }
     for _ in 0..200 {
         let report = world.step();
@@ -121,7 +121,7 @@ fn bodies_in_one_another() {
     for k in 0..2 {
         let mass = MassProperties::cuboid(Vec3::repeat(0.03), Amount::Mass(0.05)).unwrap();
         let body = RigidBody::free(format!("twin {k}"), mass, Motion::Inertial, Pose::identity()).unwrap();
-        world.add_body(body, Some((cube.clone(), Material::preset("steel").unwrap())));
+        world.add_body(body, Some((cube.clone(), Material::preset("steel").unwrap()))).unwrap();
     }
     for _ in 0..50 {
         let report = world.step();
@@ -133,7 +133,7 @@ fn ball_on_plate(mass: Real, material: &str, dt: Real, speed: Real) -> (World, B
     let mut world = World::new(Parameters { dt, ..Parameters::default() }).unwrap();
     let plate = Surface::build(shapes::sample_box(Vec3::new(0.1, 0.1, 0.02), 2_400).unwrap(), Some(320)).unwrap();
     let plate_body = RigidBody::fixed("plate", Pose::translation(0.0, 0.0, -0.01)).unwrap();
-    world.add_body(plate_body, Some((Arc::new(plate), Material::preset(material).unwrap())));
+    world.add_body(plate_body, Some((Arc::new(plate), Material::preset(material).unwrap()))).unwrap();
     let ball = Surface::build(shapes::sample_sphere(0.02, 900).unwrap(), Some(120)).unwrap();
     let mut body = RigidBody::free(
         "ball",
@@ -142,7 +142,7 @@ fn ball_on_plate(mass: Real, material: &str, dt: Real, speed: Real) -> (World, B
         Pose::translation(0.0, 0.0, 0.0215),
     );
     body.as_mut().unwrap().set_velocity(Vec3::new(0.0, 0.0, -speed), Vec3::zeros()).unwrap();
-    let ball = world.add_body(body.unwrap(), Some((Arc::new(ball), Material::preset(material).unwrap())));
+    let ball = world.add_body(body.unwrap(), Some((Arc::new(ball), Material::preset(material).unwrap()))).unwrap();
     (world, ball)
 }
 
@@ -175,14 +175,14 @@ fn worlds_with_nothing_to_do() {
     assert_finite("empty", &world, &report);
     assert!(report.converged() && report.contacts == 0);
     let mass = MassProperties::sphere(0.01, Amount::Mass(0.1)).unwrap();
-    world.add_body(RigidBody::free("bare", mass, Motion::Inertial, Pose::identity()).unwrap(), None);
+    world.add_body(RigidBody::free("bare", mass, Motion::Inertial, Pose::identity()).unwrap(), None).unwrap();
     let report = (0..10).map(|_| world.step()).last().unwrap();
     assert_finite("without a skin", &world, &report);
     // Two fixed bodies in one another have nothing to solve.
     let mut world = World::new(Parameters::default()).unwrap();
     let cube = Arc::new(Surface::build(shapes::sample_box(Vec3::repeat(0.03), 900).unwrap(), Some(120)).unwrap());
     for name in ["one", "other"] {
-        world.add_body(RigidBody::fixed(name, Pose::identity()).unwrap(), Some((cube.clone(), Material::preset("wood").unwrap())));
+        world.add_body(RigidBody::fixed(name, Pose::identity()).unwrap(), Some((cube.clone(), Material::preset("wood").unwrap()))).unwrap();
     }
     assert_eq!(world.step().contacts, 0);
 }
@@ -198,10 +198,12 @@ fn the_coarsest_surfaces_that_there_are() {
         let surface = Arc::new(Surface::build(tetrahedron.clone(), Some(leaves)).unwrap());
         let mut world = World::new(Parameters::default()).unwrap();
         let plate = Surface::build(shapes::sample_half_space(0.1, 900).unwrap(), Some(100)).unwrap();
-        world.add_body(RigidBody::fixed("plate", Pose::identity()).unwrap(), Some((Arc::new(plate), Material::preset("wood").unwrap())));
+        world
+            .add_body(RigidBody::fixed("plate", Pose::identity()).unwrap(), Some((Arc::new(plate), Material::preset("wood").unwrap())))
+            .unwrap();
         let mass = MassProperties::sphere(0.01, Amount::Mass(0.02)).unwrap();
         let body = RigidBody::free("tetrahedron", mass, Motion::Inertial, Pose::translation(0.0, 0.0, 0.011)).unwrap();
-        world.add_body(body, Some((surface, Material::preset("rubber").unwrap())));
+        world.add_body(body, Some((surface, Material::preset("rubber").unwrap()))).unwrap();
         for _ in 0..100 {
             let report = world.step();
             assert_finite(&format!("{leaves} leaves"), &world, &report);

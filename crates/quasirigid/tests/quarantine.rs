@@ -19,12 +19,12 @@ fn ball(world: &mut World, name: &str, x: Real, y: Real, motion: Motion) -> Body
     let surface = Arc::new(Surface::build(shapes::sample_sphere(0.02, 600).unwrap(), Some(80)).unwrap());
     let mass = MassProperties::sphere(0.02, Amount::Mass(0.05)).unwrap();
     let body = RigidBody::free(name, mass, motion, Pose::translation(x, y, 0.02)).unwrap();
-    world.add_body(body, Some((surface, Material::preset("rubber").unwrap())))
+    world.add_body(body, Some((surface, Material::preset("rubber").unwrap()))).unwrap()
 }
 
 fn table(world: &mut World) -> BodyHandle {
     let surface = Arc::new(Surface::build(shapes::sample_half_space(0.3, 2_500).unwrap(), Some(300)).unwrap());
-    world.add_body(RigidBody::fixed("table", Pose::identity()).unwrap(), Some((surface, Material::preset("wood").unwrap())))
+    world.add_body(RigidBody::fixed("table", Pose::identity()).unwrap(), Some((surface, Material::preset("wood").unwrap()))).unwrap()
 }
 
 /// Three balls on a table, two of them touching; the last one is spoilt. It is reported exactly once, stays where it was, and the rest is at rest as before.
@@ -122,7 +122,7 @@ fn bodies_and_hands_can_be_taken_out_while_in_contact() {
     let mass = MassProperties::cuboid(Vec3::repeat(0.06), Amount::Mass(0.2)).unwrap();
     let surface = Arc::new(Surface::build(shapes::sample_box(Vec3::repeat(0.06), 2_400).unwrap(), Some(320)).unwrap());
     let body = RigidBody::free("another", mass, Motion::Inertial, Pose::translation(0.0, 0.0, 0.03)).unwrap();
-    let another = scene.world.add_body(body, Some((surface, Material::preset("wood").unwrap())));
+    let another = scene.world.add_body(body, Some((surface, Material::preset("wood").unwrap()))).unwrap();
     assert_ne!(object, another);
     (0..50).for_each(|_| drop(scene.world.step()));
     scene.world.remove_hand(scene.hand).unwrap();

@@ -17,13 +17,14 @@ fn force(surface: PointSurface, control_points: usize, height: Real, depth: Real
     let steel = at_once(Material::preset("steel").unwrap());
     // Off the symmetric position, so that no sampling is lucky.
     let pose = Pose::from_parts(Vec3::new(1.3e-4, -2.1e-4, height - depth).into(), turn);
-    let soft =
-        world.add_body(RigidBody::fixed("pad", pose).unwrap(), Some((surface_of(surface, control_points), at_once(material.clone()))));
+    let soft = world
+        .add_body(RigidBody::fixed("pad", pose).unwrap(), Some((surface_of(surface, control_points), at_once(material.clone()))))
+        .unwrap();
     // Two fixed bodies do not meet: the plate is held by a spring that gives by a millionth of the depth.
     let mass = MassProperties::sphere(0.02, Amount::Mass(1.0)).unwrap();
     let mut body = RigidBody::free("plate", mass, Motion::Inertial, Pose::identity()).unwrap();
     body.set_drive(Some(PoseDrive::new(Pose::identity(), [1e10, 1e8], [0.0, 0.0]).unwrap())).unwrap();
-    world.add_body(body, Some((Arc::new(plate), steel)));
+    world.add_body(body, Some((Arc::new(plate), steel))).unwrap();
     let report = (0..3).map(|_| world.step()).last().unwrap();
     assert!(report.converged(), "{:?} after {} sweeps, residual {:e}", report.stop, report.sweeps, report.residual);
     let closed = world.contact_problem().reactions.iter().filter(|f| f.x > 0.0).count();

@@ -115,11 +115,13 @@ fn deformed_leaves_cover_the_deformed_surface_at_every_refit_level() {
 fn a_pressed_pad_stays_covered() {
     let mut world = World::new(Parameters { gravity: Vec3::new(0.0, 0.0, -9.81), ..Parameters::default() }).unwrap();
     let plate = Surface::build(shapes::sample_half_space(0.06, 900).unwrap(), Some(100)).unwrap();
-    world.add_body(RigidBody::fixed("plate", Pose::identity()).unwrap(), Some((Arc::new(plate), Material::preset("steel").unwrap())));
+    world
+        .add_body(RigidBody::fixed("plate", Pose::identity()).unwrap(), Some((Arc::new(plate), Material::preset("steel").unwrap())))
+        .unwrap();
     let ball = Arc::new(Surface::build(shapes::sample_sphere(0.01, 1_200).unwrap(), Some(160)).unwrap());
     let mass = MassProperties::sphere(0.01, Amount::Mass(0.2)).unwrap();
     let body = RigidBody::free("ball", mass, Motion::QuasiStatic, Pose::translation(0.0, 0.0, 0.01)).unwrap();
-    let ball_handle = world.add_body(body, Some((ball.clone(), Material::preset("fingertip_pulp").unwrap())));
+    let ball_handle = world.add_body(body, Some((ball.clone(), Material::preset("fingertip_pulp").unwrap()))).unwrap();
     (0..200).for_each(|_| drop(world.step()));
     let skin = world.entry(ball_handle).unwrap().skin.as_ref().unwrap();
     let moved = skin.deformed.iter().zip(&ball.points).map(|(a, b)| (a - b).norm()).fold(0.0, Real::max);

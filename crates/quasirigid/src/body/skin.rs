@@ -3,6 +3,7 @@
 use crate::body::material::{ComplianceModel, Material};
 use crate::math::{Real, Vec3};
 use crate::params::Parameters;
+use crate::surface::moving_least_squares::evaluate;
 use crate::surface::sphere_tree::sphere_around;
 use crate::surface::{Compliance, HalfSpaceCompliance, LocalCompliance, Surface};
 use std::sync::Arc;
@@ -140,6 +141,34 @@ impl Skin {
         }
         self.travel += farthest;
         self.refit(largest, params.refit_level);
+    }
+
+    /// Outward unit normals of the deformed points, tree order, body frame: where points have moved, those of the implicit surface through
+    /// the deformed points (design 3.5, paper section 3.4); elsewhere those of rest.
+    ///
+    /// For whoever looks at the surface; nothing in a step needs them, so a step does not pay for them.
+    pub fn deformed_normals(&self) -> Vec<Vec3> {
+        let surface = &self.surface;
+        let mut normals = surface.normals.clone();
+        let mut moved = vec![false; surface.tree.leaves.len()];
+        for &c in &self.shown_list {
+            for &leaf in std::iter::once(&c).chain(surface.leaf_neighbours.row(c as usize)) {
+                moved[leaf as usize] = true;
+            }
+        }
+        let mut ranges = Vec::new();
+        for (leaf, _) in moved.iter().enumerate().filter(|(_, moved)| **moved) {
+            ranges.clear();
+            surface.border_ranges(leaf, &mut ranges);
+            for k in surface.tree.leaf(leaf).points() {
+                let facing = -surface.normals[k];
+                let here = evaluate(&self.deformed[k], &self.deformed, &surface.normals, &ranges, &surface.kernel, Some(&facing));
+                if let Some((_, normal)) = here {
+                    normals[k] = normal;
+                }
+            }
+        }
+        normals
     }
 
     /// Control points whose displacement differs from the one shown by more than the threshold; shows them. Returns the largest displacement shown.

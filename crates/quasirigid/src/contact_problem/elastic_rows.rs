@@ -33,6 +33,12 @@ impl ElasticRows {
             && (self.tensors.is_empty() || (self.turn - turn).amax() < SAME_TURN)
     }
 
+    /// Holds for no patch until it is filled anew.
+    pub(super) fn forget(&mut self) {
+        self.contacts.clear();
+        self.ends.clear();
+    }
+
     pub(super) fn start(&mut self, patch: &[Contact], turn: &Mat3, dt: Real) {
         self.contacts.clear();
         self.contacts.extend(patch.iter().map(|contact| (contact.control_point, contact.area)));

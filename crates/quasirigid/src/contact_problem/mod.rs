@@ -88,6 +88,12 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodi
     out.status.clear();
     out.status.resize(contacts.len(), ContactStatus::Open);
     (out.rigid_time, out.deform_time) = (Duration::ZERO, Duration::ZERO);
+    // Rows of a pair that has lost touch are not those of the contacts that it may find later.
+    for (index, pair) in pairs.iter_mut().enumerate() {
+        if contacts.binary_search_by_key(&(index as u32), |contact| contact.pair).is_err() {
+            pair.elastic.forget();
+        }
+    }
     let mut first = 0;
     while first < contacts.len() {
         let index = contacts[first].pair;

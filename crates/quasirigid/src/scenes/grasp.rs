@@ -84,10 +84,10 @@ impl GraspScene {
         let mass = MassProperties::cuboid(size, Amount::Mass(options.mass))?;
         let surface = Surface::build(shapes::sample_box(size, options.object_points.0)?, Some(options.object_points.1))?;
         let body = RigidBody::free("box", mass, options.object_motion, Pose::translation(0.0, 0.0, 0.5 * size.z))?;
-        let object = world.add_body(body, Some((Arc::new(surface), options.object_material.clone())));
+        let object = world.add_body(body, Some((Arc::new(surface), options.object_material.clone())))?;
         let support = Surface::build(shapes::sample_box(SUPPORT, 2_000)?, Some(260))?;
         let body = RigidBody::fixed("support", Pose::translation(0.0, 0.0, -0.5 * SUPPORT.z))?;
-        let support = Some(world.add_body(body, Some((Arc::new(support), Material::preset("rubber")?))));
+        let support = Some(world.add_body(body, Some((Arc::new(support), Material::preset("rubber")?)))?);
 
         let model = HandModel::three_finger()?;
         let base = Pose::translation(0.0, 0.0, 0.5 * size.z + PAD_DEPTH);

@@ -27,11 +27,11 @@ impl Incline {
         let material = material.clone().with_friction(mu)?;
         let size = Vec3::new(0.04, 0.04, 0.02);
         let plane = Surface::build(shapes::sample_half_space(0.2, 10_000)?, Some(1_000))?;
-        world.add_body(RigidBody::fixed("plane", Pose::identity())?, Some((Arc::new(plane), material.clone())));
+        world.add_body(RigidBody::fixed("plane", Pose::identity())?, Some((Arc::new(plane), material.clone())))?;
         let mass = MassProperties::cuboid(size, Amount::Mass(0.1))?;
         let surface = Surface::build(shapes::sample_box(size, 3_000)?, Some(400))?;
         let body = RigidBody::free("block", mass, motion, Pose::translation(0.0, 0.0, 0.5 * size.z))?;
-        let block = world.add_body(body, Some((Arc::new(surface), material)));
+        let block = world.add_body(body, Some((Arc::new(surface), material)))?;
         Ok(Self { world, block })
     }
 

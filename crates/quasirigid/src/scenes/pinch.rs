@@ -73,14 +73,14 @@ impl Pinch {
         let mass = MassProperties::cuboid(options.size, Amount::Mass(options.mass))?;
         let surface = Surface::build(shapes::sample_box(options.size, options.box_points.0)?, Some(options.box_points.1))?;
         let body = RigidBody::free("box", mass, options.motion, Pose::identity())?;
-        let object = world.add_body(body, Some((Arc::new(surface), options.box_material.clone())));
+        let object = world.add_body(body, Some((Arc::new(surface), options.box_material.clone())))?;
         let pad = Arc::new(Surface::build(shapes::sample_fingertip(options.pad, options.pad_points.0)?, Some(options.pad_points.1))?);
         let mut add = |name: &str, side: Real| -> Result<BodyHandle> {
             // The pad's +z turns to point at the box.
             let turn = UnitQuaternion::from_axis_angle(&Vec3::y_axis(), -side * std::f64::consts::FRAC_PI_2);
             let x = side * (0.5 * options.size.x + options.pad.z + 1e-4);
             let body = RigidBody::fixed(name, Pose::from_parts(Vec3::new(x, 0.0, 0.0).into(), turn))?;
-            Ok(world.add_body(body, Some((pad.clone(), options.pad_material.clone()))))
+            world.add_body(body, Some((pad.clone(), options.pad_material.clone())))
         };
         let pads = [add("pad -x", -1.0)?, add("pad +x", 1.0)?];
         Ok(Self { world, object, pads })

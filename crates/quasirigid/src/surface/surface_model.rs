@@ -102,12 +102,7 @@ impl Surface {
         let leaf_gaps: Vec<Real> =
             (0..leaf_count).map(|l| tree.leaf(l).points().map(|k| gaps[order[k] as usize]).fold(0.0, Real::max)).collect();
         let leaf_neighbours = neighbours_of_leaves(&tree, kernel.cutoff());
-        let border = |leaf: usize, ranges: &mut Vec<Range<u32>>| {
-            for &l in std::iter::once(&(leaf as u32)).chain(leaf_neighbours.row(leaf)) {
-                let node = tree.leaf(l as usize);
-                ranges.push(node.first_point..node.first_point + node.point_count);
-            }
-        };
+        let border = |leaf: usize, ranges: &mut Vec<Range<u32>>| border_ranges(&tree, &leaf_neighbours, leaf, ranges);
         let control = ControlPoints::build(&tree, &points, &normals, &kernel, border);
         let (interpolation, interpolation_weights) = interpolate(&tree, &points, &normals, &control, &leaf_neighbours);
         Ok(Self {
@@ -124,6 +119,11 @@ impl Surface {
             interpolation,
             interpolation_weights,
         })
+    }
+
+    /// Adds the point ranges of a leaf and of the leaves that reach into its border.
+    pub fn border_ranges(&self, leaf: usize, ranges: &mut Vec<Range<u32>>) {
+        border_ranges(&self.tree, &self.leaf_neighbours, leaf, ranges);
     }
 
     /// Number of points.
@@ -153,6 +153,13 @@ impl Surface {
             out[i as usize] = values[k];
         }
         out
+    }
+}
+
+fn border_ranges(tree: &SphereTree, neighbours: &Rows, leaf: usize, ranges: &mut Vec<Range<u32>>) {
+    for &l in std::iter::once(&(leaf as u32)).chain(neighbours.row(leaf)) {
+        let node = tree.leaf(l as usize);
+        ranges.push(node.first_point..node.first_point + node.point_count);
     }
 }
 
