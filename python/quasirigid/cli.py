@@ -176,13 +176,13 @@ def materials() -> None:
     from quasirigid._quasirigid import Material
 
     table = Table(title="Materials", title_justify="left", header_style="bold", box=None, pad_edge=False)
-    table.add_column("name", style="cyan")
+    table.add_column("name", style="cyan", no_wrap=True)
     for heading in (
         "density\nkg/m³",
-        "friction\n(on itself)",
-        "Young's modulus\nMPa",
+        "friction\non itself",
+        "Young's\nMPa",
         "Poisson's\nratio",
-        "soft layer\nmm",
+        "layer\nmm",
         "relaxation\nms",
     ):
         table.add_column(heading, justify="right")
