@@ -16,28 +16,29 @@ from matplotlib import colormaps, patheffects
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyArrowPatch
+from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
 from quasirigid.plots import FINGER_COLOURS, INK, MUTED, SLIP, patch_plane
 from quasirigid.recording import Recording
-from quasirigid.splats import Camera, FloatArray, Layer, creases, directions, halved, outline, shade, splat, tube
+from quasirigid.splats import Camera, FloatArray, Layer, creases, directions, edge_planes, halved, outline, shade, splat, tube
 from quasirigid.summary import creep, phases, pose_in, rotate, settled
 
 WIDTH, HEIGHT, DPI = 1200, 800, 150
 FINE = 2
 """Drawn this many times larger, then reduced: smooth edges."""
-SCENE = (0, 0, 690, 745)
+SCENE = (0, 0, 745, 745)
 """Place of the scene in the picture: left, bottom, width, height, px."""
-CLOSE = (795, 292, 370, 370)
+CLOSE = (812, 312, 360, 360)
 """Place of the close-up."""
-PAD, BONE, PALM, GLASS = (0.93, 0.84, 0.77), (0.62, 0.66, 0.70), (0.50, 0.54, 0.59), (0.30, 0.45, 0.62)
+PAD, NAIL, BONE, PALM = (0.95, 0.86, 0.79), (0.86, 0.83, 0.81), (0.80, 0.83, 0.86), (0.62, 0.66, 0.71)
+GLASS = (0.30, 0.45, 0.62)
 EDGE = (0.20, 0.26, 0.34)
-LINK_RADII = (0.009, 0.0085, 0.0075, 0.0062)
+LINK_RADII = (0.009, 0.0085, 0.0075, 0.0055)
 """Of the tubes at the joints of a finger, as wide as the phalanges of the built-in hand, m."""
 GRID = 0.01
 HALO = [patheffects.withStroke(linewidth=3.0, foreground="white")]
@@ -99,14 +100,15 @@ def _pressure_on(points: FloatArray, shot: Shot, finger: int) -> FloatArray:
     if not mine.any():
         return np.zeros(len(points))
     spots, pressure = shot.contacts["point"][mine].astype(float), shot.contacts["pressure"][mine].astype(float)
-    h = float(np.sqrt(shot.contacts["area"][mine].astype(float).mean()))
+    apart = float(np.sqrt(shot.contacts["area"][mine].astype(float).mean()))
+    h = 0.8 * apart
     distance, nearest = cKDTree(spots).query(points, k=min(12, len(spots)), distance_upper_bound=3 * h)
     distance, nearest = distance.reshape(len(points), -1), nearest.reshape(len(points), -1)
     found = np.isfinite(distance)
     weight = np.where(found, np.exp(-((np.where(found, distance, 0.0) / h) ** 2)), 0.0)
     total = weight.sum(axis=1)
-    # Where few contacts are around, at the rim, the rest counts as unloaded; pi is the sum within the patch.
-    value: FloatArray = (weight * pressure[np.where(found, nearest, 0)]).sum(axis=1) / np.maximum(total, 0.75 * np.pi)
+    # Where few contacts are around, at the rim, the rest counts as unloaded. Within the patch the sum is pi (h / apart)^2.
+    value: FloatArray = (weight * pressure[np.where(found, nearest, 0)]).sum(axis=1) / np.maximum(total, 0.75 * np.pi * (h / apart) ** 2)
     return value
 
 
@@ -124,46 +126,52 @@ def _spacing(points: FloatArray) -> float:
     return float(np.median(distance[:, 1:]))
 
 
-def _tip(camera: Camera, shot: Shot, finger: int) -> Layer:
-    """A fingertip: its pad as deformed, coloured by pressure, on a nail."""
+Part = tuple[FloatArray, FloatArray, FloatArray]
+"""Points and normals (n, 3), world, and colours (n, 4)."""
+
+
+def _tip(shot: Shot, finger: int) -> list[Part]:
+    """A fingertip: its pad as deformed, coloured by pressure, on a nail that does not yield: the other half of the ellipsoid."""
     points, normals = (shot.scene[f"tips/{name}"][finger].astype(float) for name in ("points", "normals"))
-    colours = _pad_colours(_pressure_on(points, shot, finger), shot.peak)
-    pad = splat(camera, points, normals, colours, 2.2 * _spacing(points))
-    # The other half of the ellipsoid, which does not yield.
     axes, pose = shot.scene["tips/semi_axes"], shot.scene["tips/pose"][finger]
-    unit = directions(6000)
+    unit = directions(5000)
     unit = unit[unit[:, 2] < 0.05]
-    centre = pose[:3] - axes[2] * rotate(pose[3:], np.array([0.0, 0.0, 1.0]))
-    back = centre + rotate(pose[3:], unit * axes)
+    back = pose[:3] + rotate(pose[3:], unit * axes - np.array([0.0, 0.0, axes[2]]))
     outward = rotate(pose[3:], unit / axes)
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    return pad.over(splat(camera, back, outward, np.array([*BONE, 0.0]), 6e-4))
+    return [
+        (points, normals, _pad_colours(_pressure_on(points, shot, finger), shot.peak)),
+        (back, outward, np.tile([*NAIL, 0.0], (len(back), 1))),
+    ]
 
 
-def _hand(camera: Camera, shot: Shot) -> tuple[Layer, FloatArray]:
-    """The hand, and all points of its links (n, 3), world."""
-    parts: list[tuple[FloatArray, FloatArray, tuple[float, ...]]] = []
+def _links(shot: Shot, spacing: float) -> list[Part]:
+    """Palm, links and joints; the joints in the colour of their finger."""
+    parts: list[Part] = []
     palm, links = shot.scene["hand/pose"], shot.scene["hand/link_poses"]
-    up = rotate(palm[3:], np.array([0.0, 0.0, 1.0]))
-    fine = 6e-4
+    z = np.array([0.0, 0.0, 1.0])
+
+    def add(a: FloatArray, b: FloatArray, start: float, end: float, colour: tuple[float, ...]) -> None:
+        points, normals = tube(a, b, start, end, spacing)
+        parts.append((points, normals, np.tile([*colour, 0.0], (len(points), 1))))
+
     for f in range(len(shot.fingers)):
-        centre = shot.scene["tips/pose"][f]
-        end = centre[:3] - shot.scene["tips/semi_axes"][2] * rotate(centre[3:], np.array([0.0, 0.0, 1.0]))
-        chain = [*links[f, 1:, :3], end]
-        parts.append((*tube(palm[:3], chain[0], 0.011, LINK_RADII[0] + 5e-4, fine), PALM))
+        tip = shot.scene["tips/pose"][f]
+        chain = [*links[f, 1:, :3], tip[:3] - shot.scene["tips/semi_axes"][2] * rotate(tip[3:], z)]
+        add(palm[:3], chain[0], 0.0115, LINK_RADII[0], PALM)
+        own = to_rgb(FINGER_COLOURS[f % 6])
         for i, (a, b) in enumerate(zip(chain[:-1], chain[1:], strict=True)):
             radius = LINK_RADII[min(i, 3)], LINK_RADII[min(i + 1, 3)]
-            parts.append((*tube(a, b, *radius, fine), BONE))
-            # The joint: a short axle across the finger.
-            axle = 1.06 * radius[0] * rotate(links[f, min(i + 1, links.shape[1] - 1), 3:], np.array([0.0, 1.0, 0.0]))
-            parts.append((*tube(a - axle, a + axle, 0.48 * radius[0], 0.48 * radius[0], fine), PALM))
-    parts.append((*tube(palm[:3], palm[:3] + 0.016 * up, 0.0125, 0.0125, fine), PALM))
-    points, normals = (np.concatenate([part[i] for part in parts]) for i in range(2))
-    colours = np.concatenate([np.tile([*colour, 0.0], (len(p), 1)) for p, _, colour in parts])
-    layer = splat(camera, points, normals, colours, 1.5 * fine)
-    for f in range(len(shot.fingers)):
-        layer = layer.over(_tip(camera, shot, f))
-    return layer, points
+            add(a, b, *radius, BONE)
+            axle = 1.04 * radius[0] * rotate(links[f, min(i + 1, links.shape[1] - 1), 3:], np.array([0.0, 1.0, 0.0]))
+            add(a - axle, a + axle, 0.42 * radius[0], 0.42 * radius[0], own)
+    add(palm[:3], palm[:3] + 0.018 * rotate(palm[3:], z), 0.0122, 0.0095, PALM)
+    return parts
+
+
+def _draw(camera: Camera, parts: list[Part], radius: float) -> Layer:
+    points, normals, colours = (np.concatenate([part[i] for part in parts]) for i in range(3))
+    return splat(camera, points, normals, colours, radius)
 
 
 def _ground(camera: Camera, z: float, shadows: list[tuple[FloatArray, float]], middle: FloatArray, reach: float) -> FloatArray:
@@ -207,7 +215,7 @@ def _compose(background: FloatArray, solid: Layer, glass: list[Layer], scale: fl
         inside = layer is glass[0]
         edge = np.maximum(outline(layer, 2e-3), 0.75 * creases(layer))
         alpha = (0.07 if inside else 0.13) + 0.40 * (1.0 - facing) ** 2.5
-        colour = shade(layer, scale, gloss=0.5)
+        colour = shade(layer, scale, gloss=0.5, hollows=False)
         line = (0.35 if inside else 0.75) * edge
         mixed = colour * (1.0 - line[..., None]) + np.array(EDGE) * line[..., None]
         layers.append((layer.depth, mixed, layer.drawn * np.clip(np.maximum(alpha, line), 0.0, 1.0)))
@@ -234,7 +242,7 @@ def view_of(palm: FloatArray, centre: FloatArray) -> FloatArray:
     side = np.cross(up, across)
     if side @ (palm[:3] - centre) > -1e-6:
         side = -side
-    turn, lift = np.radians(33.0), np.radians(17.0)
+    turn, lift = np.radians(50.0), np.radians(17.0)
     view: FloatArray = np.cos(lift) * (-np.sin(turn) * across + np.cos(turn) * side) + np.sin(lift) * up
     return view
 
@@ -250,10 +258,14 @@ def _camera(shot: Shot, floor: float) -> Camera:
     ground = np.column_stack([points[:, :2], np.full(len(points), floor)])
     whole = camera.project(np.concatenate([points, ground, shot.scene["hand/link_poses"][..., :3].reshape(-1, 3), [palm[:3] + 0.02 * up]]))
     low, high = whole[:, :2].min(axis=0) - 0.012, whole[:, :2].max(axis=0) + 0.012
-    room = np.array([165.0, 70.0])  # px, for the names of the fingers and the scale bar
-    scale = FINE * float(((np.array(SCENE[2:]) - room) / (high - low)).min())
-    middle = 0.5 * (low + high)
-    middle[1] -= 0.5 * 40 * FINE / scale
+    # Room in px for the names of the fingers beside them, below for the scale bar.
+    knuckles = camera.project(shot.scene["hand/link_poses"][:, 2, :3])[:, 0]
+    right = knuckles > knuckles.mean()
+    left_room, right_room = (
+        max((11.5 * len(name) for name, there in zip(shot.fingers, right, strict=True) if there == side), default=10.0) for side in (0, 1)
+    )
+    scale = FINE * float(min((SCENE[2] - left_room - right_room) / (high - low)[0], (SCENE[3] - 60.0) / (high - low)[1]))
+    middle = 0.5 * (low + high) + 0.5 * np.array([right_room - left_room, -40.0]) * FINE / scale
     centre = camera.centre + camera.axes[:, :2] @ middle
     return Camera(camera.axes, centre, scale, size)
 
@@ -263,11 +275,20 @@ def _place(figure: Figure, box: tuple[int, int, int, int]) -> Axes:
     return figure.add_axes((left / WIDTH, bottom / HEIGHT, width / WIDTH, height / HEIGHT))
 
 
-def _arrow(axes: Axes, start: FloatArray, end: FloatArray, colour: str, *, width: float = 2.6) -> None:
-    look: dict[str, Any] = {"arrowstyle": "-|>,head_length=5.5,head_width=2.6", "shrinkA": 0, "shrinkB": 0, "joinstyle": "miter"}
-    arrow = FancyArrowPatch(tuple(start), tuple(end), color=colour, linewidth=width, mutation_scale=1.35, capstyle="butt", **look)
-    arrow.set_path_effects([patheffects.Stroke(linewidth=width + 2.2, foreground="white"), patheffects.Normal()])
-    axes.add_patch(arrow)
+def _arrow(axes: Axes, start: FloatArray, end: FloatArray, colour: str) -> None:
+    """A flat arrow, px; the head of a short one is smaller."""
+    along = np.asarray(end, float) - start
+    length = float(np.linalg.norm(along))
+    if length < 3.0:
+        return
+    along /= length
+    across = np.array([-along[1], along[0]])
+    head = min(19.0, 0.62 * length)
+    wide, thin = 0.5 * head, 0.15 * head
+    outline_of = [(0.0, thin), (length - head, thin), (length - head, wide), (length, 0.0)]
+    outline_of += [(s, -w) for s, w in reversed(outline_of[:-1])]
+    shape = Polygon([start + s * along + w * across for s, w in outline_of], closed=True, facecolor=colour, edgecolor="white", linewidth=1.1)
+    axes.add_patch(shape)
 
 
 def _draw_scene(axes: Axes, shot: Shot) -> None:
@@ -276,14 +297,20 @@ def _draw_scene(axes: Axes, shot: Shot) -> None:
     tall = np.ptp(points[:, 2])
     floor = points[:, 2].min() - max(0.012, 0.16 * tall)
     camera = _camera(shot, floor)
-    solid, links = _hand(camera, shot)
-    wide = 2.0 * _spacing(points)
+    fine = 7e-4
+    parts = _links(shot, fine)
+    links = np.concatenate([points for points, _, _ in parts])
+    for f in range(len(shot.fingers)):
+        parts += _tip(shot, f)
+    solid = _draw(camera, parts, 1.45 * fine)
+    wide = 1.9 * _spacing(points)
     glass = np.array([*GLASS, 0.0])
-    walls = [splat(camera, points, -normals, glass, wide), splat(camera, points, normals, glass, wide)]
+    edges = edge_planes(points, normals, wide)
+    walls = [splat(camera, points, sign * normals, glass, wide, edges) for sign in (-1.0, 1.0)]
     middle = np.array([*points[:, :2].mean(axis=0), 0.0])
     tips = shot.scene["tips/points"].reshape(-1, 3)
     shadows = [(points, 0.20), (np.concatenate([links, tips]), 0.11)]
-    background = _ground(camera, floor, shadows, middle, 0.16)
+    background = _ground(camera, floor, shadows, middle, 0.125)
     image = halved(_compose(background, solid, walls, camera.scale), FINE)
     axes.imshow(image, extent=(0, SCENE[2], 0, SCENE[3]), interpolation="none", aspect="auto")
     axes.set(xlim=(0, SCENE[2]), ylim=(0, SCENE[3]))
@@ -298,7 +325,7 @@ def _draw_scene(axes: Axes, shot: Shot) -> None:
     reached = np.array([c for c in centres if c is not None])
     size = max(float(np.ptp(reached, axis=0).max()) if len(reached) else 0.0, 0.02)
     longest = max(float(np.linalg.norm(shot.forces, axis=1).max()), weight, 1e-9)
-    metres = 0.42 * size / longest
+    metres = 0.5 * size / longest
     names: list[tuple[FloatArray, str, str]] = []
     for f, centre in enumerate(centres):
         colour = FINGER_COLOURS[f % 6]
@@ -310,8 +337,8 @@ def _draw_scene(axes: Axes, shot: Shot) -> None:
     mass = shot.scene["object/centre_of_mass"]
     end = mass - [0.0, 0.0, metres * weight]
     _arrow(axes, at(mass), at(end), INK)
-    axes.plot(*at(mass), "o", color=INK, markersize=4.5, markeredgecolor="white", markeredgewidth=1.0)
-    text = axes.text(*(at(end) + [9, 2]), f"weight\n{weight:.2f} N", fontsize=9, color=INK, va="center", linespacing=1.15)
+    axes.plot(*at(mass), "o", color=INK, markersize=3.8, markeredgecolor="white", markeredgewidth=1.0)
+    text = axes.text(*(at(end) - [0, 5]), f"weight {weight:.2f} N", fontsize=9, color=INK, ha="center", va="top")
     text.set_path_effects(HALO)
     _name(axes, names, 1.7 * LINK_RADII[1] * camera.scale / FINE)
     _scale_bar(axes, camera.scale / FINE)
@@ -327,7 +354,7 @@ def _name(axes: Axes, names: list[tuple[FloatArray, str, str]], aside: float) ->
         for place, text, colour in mine:
             y = min(float(place[1]), last - 48)
             last = y
-            x = min(edge + aside, SCENE[2] - 92) if right else max(edge - aside, 85)
+            x = edge + aside if right else edge - aside
             words = axes.text(x, y, text, color=colour, fontsize=9.5, fontweight="bold", va="center", linespacing=1.15)
             words.set_ha("left" if right else "right")
             words.set_path_effects(HALO)
@@ -349,13 +376,12 @@ def _draw_patch(figure: Figure, shot: Shot, finger: int) -> None:
     push = np.einsum("ij,ij->i", force, normals)
     centre, plane = patch_plane(points, normals, push)
     flat = 1e3 * (points - centre) @ plane
-    radius = float(np.abs(flat).max()) + 2.2
+    radius = float(np.abs(flat).max()) + 2.8
     back = np.cross(plane[:, 0], plane[:, 1])
     size = (FINE * CLOSE[2], FINE * CLOSE[3])
     camera = Camera.towards(back, plane[:, 1], centre, size[0] / (2e-3 * radius), size)
-    pad = _tip(camera, shot, finger)
+    pad = _draw(camera, _tip(shot, finger), 1.1e-3)
     image = np.where(pad.drawn[..., None], shade(pad, camera.scale, gloss=0.0), 1.0)
-    image *= 1.0 - 0.5 * outline(pad, 2e-3)[..., None]
     axes.imshow(halved(image, FINE), extent=(-radius, radius, -radius, radius), interpolation="none")
     friction = (force - push[:, None] * normals) @ plane
     longest = max(float(np.linalg.norm(friction, axis=1).max()), 1e-12)
@@ -374,12 +400,12 @@ def _draw_patch(figure: Figure, shot: Shot, finger: int) -> None:
     axes.set_xlabel("across (mm)", fontsize=9, color=INK, labelpad=2)
     axes.spines[:].set_color("#BBBBBB")
     name = shot.fingers[finger].replace("_", " ")
-    axes.set_title(f"{name}'s pad, as the object feels it", loc="left", fontsize=10.5, fontweight="bold", color=FINGER_COLOURS[finger % 6])
+    axes.set_title(f"patch of the {name}", loc="left", fontsize=10.5, fontweight="bold", color=FINGER_COLOURS[finger % 6])
     say = f"{len(flat)} contacts, {int(slips.sum())} slip" if slips.any() else f"{len(flat)} contacts, all stick"
-    note = f"arrows: friction on the object, up to {1e3 * longest:.2g} mN; {say}"
-    figure.text((CLOSE[0] - 45) / WIDTH, 132 / HEIGHT, note, fontsize=8.5, color=MUTED, va="top")
+    note = f"{say}\narrows: friction on the object, to {1e3 * longest:.2g} mN"
+    figure.text(CLOSE[0] / WIDTH, 142 / HEIGHT, note, fontsize=8.5, color=MUTED, va="top", linespacing=1.5)
 
-    bar_axes = _place(figure, (CLOSE[0], 196, CLOSE[2], 15))
+    bar_axes = _place(figure, (CLOSE[0], 218, CLOSE[2], 15))
     bar = figure.colorbar(ScalarMappable(Normalize(0.0, 1e-3 * shot.peak), "viridis"), cax=bar_axes, orientation="horizontal")
     bar.set_label("pressure (kPa)", fontsize=9, color=INK, labelpad=2)
     bar.ax.tick_params(labelsize=8.5, colors=MUTED, length=3)
@@ -422,7 +448,7 @@ def save_scene(recording: Recording, out: Path) -> list[Path]:
     if shot is None:
         return []
     out.mkdir(parents=True, exist_ok=True)
-    scene(shot).savefig(out / "scene.png")
+    scene(shot).savefig(out / "scene.png", pil_kwargs={"optimize": True})
     return [out / "scene.png"]
 
 

@@ -12,10 +12,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
+from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter, zoom
+from scipy.spatial import cKDTree
 
 FloatArray = npt.NDArray[Any]
 
+CHUNK = 2000
+"""Discs drawn at a time: few enough for the cache."""
 NOTHING = -1e9
 """Depth where nothing was drawn, m."""
 KEY_LIGHT, FILL_LIGHT = np.array([-0.45, 0.65, 0.61]), np.array([0.7, 0.1, 0.7])
@@ -80,31 +83,23 @@ class Layer:
         return Layer(depth, np.where(at, self.normal, other.normal), np.where(at, self.colour, other.colour))
 
 
-def splat(camera: Camera, points: FloatArray, normals: FloatArray, colours: FloatArray, radius: float) -> Layer:
+def splat(camera: Camera, points: FloatArray, normals: FloatArray, colours: FloatArray, radius: float, cut: FloatArray | None = None) -> Layer:
     """Draw discs of ``radius`` m about ``points`` (n, 3) m that face along ``normals`` (n, 3), world, in ``colours`` (n, 4).
 
-    Only those that face the viewer are drawn: turn the normals round to see the inside of a surface.
+    Only those that face the viewer are drawn: turn the normals round to see the inside of a surface. ``cut`` is what
+    ``edge_planes`` gives, and keeps the discs from sticking out at edges.
     """
     width, height = camera.size
     seen, facing = camera.project(points), np.asarray(normals, float) @ camera.axes
-    front = facing[:, 2] > 0.0
-    seen, facing, colours = seen[front], facing[front], np.broadcast_to(colours, (len(points), 4))[front]
-    reach = int(np.ceil(radius * camera.scale))
-    step = np.arange(-reach, reach + 1)
-    column = np.floor(seen[:, 0] * camera.scale + width / 2).astype(int)[:, None, None] + step[None, None, :]
-    row = np.floor(height / 2 - seen[:, 1] * camera.scale).astype(int)[:, None, None] + step[None, :, None]
-    right = (column + 0.5 - width / 2) / camera.scale - seen[:, 0, None, None]
-    up = (height / 2 - row - 0.5) / camera.scale - seen[:, 1, None, None]
-    n = facing[:, :, None, None]
-    # Height of the disc's plane above its centre; discs seen from the side are taken for a little less so.
-    rise = -(n[:, 0] * right + n[:, 1] * up) / np.maximum(n[:, 2], 0.2)
-    far = (right**2 + up**2 + rise**2) / radius**2
-    inside = (far <= 1.0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    disc = np.broadcast_to(np.arange(len(seen))[:, None, None], inside.shape)[inside]
-    pixel = (row * width + column)[inside]
-    z, weight = (seen[:, 2, None, None] + rise)[inside], np.exp(-2.5 * far[inside])
+    if cut is not None:
+        cut = np.concatenate([cut[..., :3] @ camera.axes, cut[..., 3:]], axis=-1)
+    front = np.flatnonzero(facing[:, 2] > 0.0)
+    colours = np.broadcast_to(colours, (len(points), 4)).astype(np.float32)
+    fragments = [_discs(camera, seen, facing, radius, cut, front[i : i + CHUNK]) for i in range(0, len(front), CHUNK)]
+    empty = np.zeros(0, int), np.zeros(0, int), np.zeros(0, np.float32), np.zeros(0, np.float32)
+    disc, pixel, z, weight = (np.concatenate([f[i] for f in [empty, *fragments]]) for i in range(4))
 
-    depth = np.full(width * height, NOTHING)
+    depth = np.full(width * height, NOTHING, np.float32)
     np.maximum.at(depth, pixel, z)
     top = z > depth[pixel] - 0.8 * radius
     disc, pixel, z, weight = disc[top], pixel[top], z[top], weight[top]
@@ -113,35 +108,96 @@ def splat(camera: Camera, points: FloatArray, normals: FloatArray, colours: Floa
     share = 1.0 / np.where(there, total, 1.0)
 
     def mean(values: FloatArray) -> FloatArray:
-        blended: FloatArray = np.bincount(pixel, weight * values, width * height) * share
+        blended: FloatArray = (np.bincount(pixel, weight * values, width * height) * share).astype(np.float32)
         return blended
 
+    facing = facing.astype(np.float32)
     normal = np.stack([mean(facing[disc, i]) for i in range(3)], axis=-1)
-    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
+    normal /= np.maximum(np.sqrt(np.einsum("ij,ij->i", normal, normal)), 1e-9)[:, None]
     colour = np.stack([mean(colours[disc, i]) for i in range(4)], axis=-1)
-    blended = np.where(there, mean(z), NOTHING)
+    blended = np.where(there, mean(z), np.float32(NOTHING))
     return Layer(blended.reshape(height, width), normal.reshape(height, width, 3), colour.reshape(height, width, 4))
 
 
-def shade(layer: Layer, scale: float, *, gloss: float = 0.15) -> FloatArray:
-    """Colours (height, width, 3) of a layer under the lights, its hollows darker; ``scale`` px/m as of the camera."""
+def _discs(
+    camera: Camera, seen: FloatArray, facing: FloatArray, radius: float, cut: FloatArray | None, chosen: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """The pixels under some discs: number of the disc, number of the pixel, depth (m), weight."""
+    width, height = camera.size
+    reach = int(np.ceil(radius * camera.scale))
+    step = np.arange(-reach, reach + 1)
+    centre = seen[chosen]
+    column = np.floor(centre[:, 0] * camera.scale + width / 2).astype(int)[:, None, None] + step[None, None, :]
+    row = np.floor(height / 2 - centre[:, 1] * camera.scale).astype(int)[:, None, None] + step[None, :, None]
+    right = ((column + 0.5 - width / 2) / camera.scale - centre[:, 0, None, None]).astype(np.float32)
+    up = ((height / 2 - row - 0.5) / camera.scale - centre[:, 1, None, None]).astype(np.float32)
+    n = facing[chosen].astype(np.float32)[:, :, None, None]
+    # Height of the disc's plane above its centre; discs seen from the side are taken for a little less so.
+    rise = -(n[:, 0] * right + n[:, 1] * up) / np.maximum(n[:, 2], 0.2)
+    far = (right**2 + up**2 + rise**2) / np.float32(radius**2)
+    inside = (far <= 1.0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    if cut is not None:
+        # Few discs are near an edge: only theirs are looked at.
+        near = np.flatnonzero(np.isfinite(cut[chosen, 0, 3]))
+        for plane in np.moveaxis(cut[chosen[near]], 1, 0).astype(np.float32)[..., None, None]:
+            inside[near] &= plane[:, 0] * right[near] + plane[:, 1] * up[near] + plane[:, 2] * rise[near] <= plane[:, 3]
+    disc = np.broadcast_to(chosen[:, None, None], inside.shape)[inside]
+    return disc, (row * width + column)[inside], (centre[:, 2, None, None].astype(np.float32) + rise)[inside], np.exp(-2.5 * far[inside])
+
+
+def edge_planes(points: FloatArray, normals: FloatArray, radius: float, *, turn: float = 0.9) -> FloatArray:
+    """Planes (n, 2, 4) that cut discs off at convex edges (M. Zwicker and others, Perspective Accurate Splatting, 2004).
+
+    A disc about a point ``p`` keeps the places ``x`` with ``m.(x - p) <= level``; ``m`` are the first three figures of a plane,
+    ``level`` (m) the last, infinity where nothing is cut. The planes are those of the nearest point within twice the
+    ``radius`` whose normal is ``turn`` rad or more off, and of the nearest one that is off from both: a corner.
+    """
+    planes = np.zeros((len(points), 2, 4))
+    planes[..., 3] = np.inf
+    distance, near = cKDTree(points).query(points, k=min(24, len(points)), distance_upper_bound=2.0 * radius)
+    found = np.isfinite(distance)
+    near = np.where(found, near, 0)
+    other = normals[near]
+    level = np.einsum("nkj,nkj->nk", other, points[near] - points[:, None, :])
+    bends = found & (np.einsum("nkj,nj->nk", other, normals) < np.cos(turn)) & (level > 0.0)
+    for i in range(2):
+        at = np.flatnonzero(bends.any(axis=1))
+        first = bends[at].argmax(axis=1)
+        chosen = other[at, first]
+        planes[at, i, :3], planes[at, i, 3] = chosen, level[at, first]
+        bends[at] &= np.einsum("nkj,nj->nk", other[at], chosen) < np.cos(turn)
+    return planes
+
+
+def shade(layer: Layer, scale: float, *, gloss: float = 0.15, hollows: bool = True) -> FloatArray:
+    """Colours (height, width, 3) of a layer under the lights, its ``hollows`` darker; ``scale`` px/m as of the camera."""
     n = layer.normal
     key = np.clip(n @ (KEY_LIGHT / np.linalg.norm(KEY_LIGHT)), 0.0, 1.0)
     fill = np.clip(n @ (FILL_LIGHT / np.linalg.norm(FILL_LIGHT)), 0.0, 1.0)
     light = 0.46 + 0.50 * key + 0.12 * fill + 0.06 * n[..., 1]
-    # Hollows: deeper than the neighbourhood's mean depth (T. Luft, C. Colditz, O. Deussen, 2006).
-    drawn = layer.drawn.astype(float)
-    floor = layer.depth[layer.drawn].min(initial=0.0) if layer.drawn.any() else 0.0
-    deep = np.where(layer.drawn, layer.depth, floor)
-    for width, strength in ((2e-3, 60.0), (7e-3, 18.0)):
-        sigma = width * scale
-        around = gaussian_filter(deep * drawn, sigma) / np.maximum(gaussian_filter(drawn, sigma), 1e-3)
-        light *= 1.0 - np.clip(strength * (around - deep), 0.0, 0.35)
+    if hollows:
+        light *= _openness(layer, scale)
     light = 1.0 + (light - 1.0) * (1.0 - 0.75 * layer.colour[..., 3])
     half = KEY_LIGHT / np.linalg.norm(KEY_LIGHT) + np.array([0.0, 0.0, 1.0])
     shine = gloss * np.clip(n @ (half / np.linalg.norm(half)), 0.0, 1.0) ** 40 * (1.0 - layer.colour[..., 3])
     lit: FloatArray = np.clip(layer.colour[..., :3] * light[..., None] + shine[..., None], 0.0, 1.0)
     return lit
+
+
+def _openness(layer: Layer, scale: float) -> FloatArray:
+    """1 in the open, less where a place is deeper than the mean around it (T. Luft, C. Colditz, O. Deussen, 2006)."""
+    coarse = 4  # soft anyway
+    drawn = layer.drawn[::coarse, ::coarse].astype(np.float32)
+    depth = layer.depth[::coarse, ::coarse]
+    deep = np.where(drawn > 0.0, depth, 0.0)
+    open_ = np.ones(drawn.shape, np.float32)
+    for width, strength in ((2e-3, 45.0), (7e-3, 14.0)):
+        sigma = width * scale / coarse
+        around = gaussian_filter(deep, sigma) / np.maximum(gaussian_filter(drawn, sigma), 1e-3)
+        open_ *= 1.0 - np.clip(strength * (around - deep), 0.0, 0.3) * drawn
+    height, width_px = layer.depth.shape
+    fine: FloatArray = zoom(open_, coarse, order=1, grid_mode=True, mode="nearest")[:height, :width_px]
+    return fine
 
 
 def outline(layer: Layer, step: float, *, thickness: int = 3) -> FloatArray:
@@ -202,4 +258,4 @@ def directions(n: int) -> FloatArray:
     return spread
 
 
-__all__ = ["Camera", "Layer", "creases", "directions", "halved", "outline", "shade", "splat", "tube"]
+__all__ = ["Camera", "Layer", "creases", "directions", "edge_planes", "halved", "outline", "shade", "splat", "tube"]
