@@ -6,6 +6,7 @@ The object is drawn as if of glass, so that the soft pads and the pressure on th
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,7 @@ EDGE = (0.20, 0.26, 0.34)
 LINK_RADII = (0.009, 0.0085, 0.0075, 0.0055)
 """Of the tubes at the joints of a finger, as wide as the phalanges of the built-in hand, m."""
 GRID = 0.01
-HALO = [patheffects.withStroke(linewidth=3.0, foreground="white")]
+HALO: list[patheffects.AbstractPathEffect] = [patheffects.withStroke(linewidth=3.0, foreground="white")]
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,7 @@ def _links(shot: Shot, spacing: float) -> list[Part]:
         chain = [*links[f, 1:, :3], tip[:3] - shot.scene["tips/semi_axes"][2] * rotate(tip[3:], z)]
         add(palm[:3], chain[0], 0.0115, LINK_RADII[0], PALM)
         own = to_rgb(FINGER_COLOURS[f % 6])
-        for i, (a, b) in enumerate(zip(chain[:-1], chain[1:], strict=True)):
+        for i, (a, b) in enumerate(itertools.pairwise(chain)):
             radius = LINK_RADII[min(i, 3)], LINK_RADII[min(i + 1, 3)]
             add(a, b, *radius, BONE)
             axle = 1.04 * radius[0] * rotate(links[f, min(i + 1, links.shape[1] - 1), 3:], np.array([0.0, 1.0, 0.0]))
@@ -209,7 +210,7 @@ def _compose(background: FloatArray, solid: Layer, glass: list[Layer], scale: fl
     body = shade(solid, scale)
     body *= 1.0 - 0.55 * np.clip(outline(solid, 2.5e-3), 0.0, 1.0)[..., None]
     # Where a pad lies on the object, the pad counts as nearer.
-    layers = [(solid.depth + 6e-4, body, solid.drawn.astype(float))]
+    layers = [(solid.depth + np.float32(6e-4), body, solid.drawn.astype(np.float32))]
     for layer in glass:
         facing = np.clip(layer.normal[..., 2], 0.0, 1.0)
         inside = layer is glass[0]
@@ -217,14 +218,19 @@ def _compose(background: FloatArray, solid: Layer, glass: list[Layer], scale: fl
         alpha = (0.07 if inside else 0.13) + 0.40 * (1.0 - facing) ** 2.5
         colour = shade(layer, scale, gloss=0.5, hollows=False)
         line = (0.35 if inside else 0.75) * edge
-        mixed = colour * (1.0 - line[..., None]) + np.array(EDGE) * line[..., None]
-        layers.append((layer.depth, mixed, layer.drawn * np.clip(np.maximum(alpha, line), 0.0, 1.0)))
-    order = np.argsort(np.stack([depth for depth, _, _ in layers]), axis=0)
+        colour += (np.array(EDGE, np.float32) - colour) * line[..., None]
+        layers.append((layer.depth, colour, layer.drawn * np.clip(np.maximum(alpha, line), 0.0, 1.0)))
     image = background.copy()
-    for rank in range(len(layers)):
-        for i, (_, colour, alpha) in enumerate(layers):
-            share = np.where(order[rank] == i, alpha, 0.0)[..., None]
-            image = image * (1.0 - share) + colour * share
+    # Only where there is anything, as a list of pixels.
+    there = np.any([layer.drawn for layer in (solid, *glass)], axis=0)
+    pixels = image[there]
+    flat = [(depth[there], colour[there], alpha[there]) for depth, colour, alpha in layers]
+    order = np.argsort([depth for depth, _, _ in flat], axis=0)
+    for rank in order:
+        colour = np.choose(rank[:, None], [colour for _, colour, _ in flat])
+        share = np.choose(rank, [alpha for _, _, alpha in flat])
+        pixels += (colour - pixels) * share[:, None]
+    image[there] = pixels
     return image
 
 
@@ -287,7 +293,9 @@ def _arrow(axes: Axes, start: FloatArray, end: FloatArray, colour: str) -> None:
     wide, thin = 0.5 * head, 0.15 * head
     outline_of = [(0.0, thin), (length - head, thin), (length - head, wide), (length, 0.0)]
     outline_of += [(s, -w) for s, w in reversed(outline_of[:-1])]
-    shape = Polygon([start + s * along + w * across for s, w in outline_of], closed=True, facecolor=colour, edgecolor="white", linewidth=1.1)
+    shape = Polygon(
+        [start + s * along + w * across for s, w in outline_of], closed=True, facecolor=colour, edgecolor="white", linewidth=1.1
+    )
     axes.add_patch(shape)
 
 
@@ -338,7 +346,7 @@ def _draw_scene(axes: Axes, shot: Shot) -> None:
     end = mass - [0.0, 0.0, metres * weight]
     _arrow(axes, at(mass), at(end), INK)
     axes.plot(*at(mass), "o", color=INK, markersize=3.8, markeredgecolor="white", markeredgewidth=1.0)
-    text = axes.text(*(at(end) - [0, 5]), f"weight {weight:.2f} N", fontsize=9, color=INK, ha="center", va="top")
+    text = axes.text(at(end)[0], at(end)[1] - 5, f"weight {weight:.2f} N", fontsize=9, color=INK, ha="center", va="top")
     text.set_path_effects(HALO)
     _name(axes, names, 1.7 * LINK_RADII[1] * camera.scale / FINE)
     _scale_bar(axes, camera.scale / FINE)
@@ -355,8 +363,8 @@ def _name(axes: Axes, names: list[tuple[FloatArray, str, str]], aside: float) ->
             y = min(float(place[1]), last - 48)
             last = y
             x = edge + aside if right else edge - aside
-            words = axes.text(x, y, text, color=colour, fontsize=9.5, fontweight="bold", va="center", linespacing=1.15)
-            words.set_ha("left" if right else "right")
+            look: dict[str, Any] = {"ha": "left" if right else "right", "va": "center", "linespacing": 1.15}
+            words = axes.text(x, y, text, color=colour, fontsize=9.5, fontweight="bold", **look)
             words.set_path_effects(HALO)
 
 
@@ -380,7 +388,7 @@ def _draw_patch(figure: Figure, shot: Shot, finger: int) -> None:
     back = np.cross(plane[:, 0], plane[:, 1])
     size = (FINE * CLOSE[2], FINE * CLOSE[3])
     camera = Camera.towards(back, plane[:, 1], centre, size[0] / (2e-3 * radius), size)
-    pad = _draw(camera, _tip(shot, finger), 1.1e-3)
+    pad = _draw(camera, _tip(shot, finger), 1.8 * _spacing(shot.scene["tips/points"][finger]))
     image = np.where(pad.drawn[..., None], shade(pad, camera.scale, gloss=0.0), 1.0)
     axes.imshow(halved(image, FINE), extent=(-radius, radius, -radius, radius), interpolation="none")
     friction = (force - push[:, None] * normals) @ plane
@@ -391,7 +399,7 @@ def _draw_patch(figure: Figure, shot: Shot, finger: int) -> None:
     arrows = 0.27 * radius / longest * friction[seen]
     axes.quiver(*flat[seen].T, *arrows.T, color="white", edgecolor=INK, zorder=3, **look)
     slips = shot.contacts["status"][mine] == SLIP
-    axes.scatter(*flat[slips].T, s=70, facecolors="none", edgecolors="#D55E00", linewidths=1.4, zorder=4)
+    axes.scatter(flat[slips, 0], flat[slips, 1], s=70, facecolors="none", edgecolors="#D55E00", linewidths=1.4, zorder=4)
     axes.set(xlim=(-radius, radius), ylim=(-radius, radius))
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 4, 5, 10]))
@@ -427,7 +435,9 @@ def scene(shot: Shot) -> Figure:
     _draw_scene(_place(figure, SCENE), shot)
     a = shot.attributes
     mass, thing = float(a["object_mass_kg"]), str(a["object"])
-    figure.text(22 / WIDTH, 1 - 20 / HEIGHT, f"{_title(thing)}, held by friction alone", fontsize=13, fontweight="bold", color=INK, va="top")
+    figure.text(
+        22 / WIDTH, 1 - 20 / HEIGHT, f"{_title(thing)}, held by friction alone", fontsize=13, fontweight="bold", color=INK, va="top"
+    )
     words = f"{1e3 * mass:.3g} g" if mass < 1.0 else f"{mass:.3g} kg"
     words += f", squeezed with {float(a['squeeze_n']):.3g} N, friction {float(a['friction']):.2g}; moves {_speed(shot.drift)} in the hand"
     figure.text(22 / WIDTH, 1 - 54 / HEIGHT, words, fontsize=9.5, color=MUTED, va="top")

@@ -83,7 +83,9 @@ class Layer:
         return Layer(depth, np.where(at, self.normal, other.normal), np.where(at, self.colour, other.colour))
 
 
-def splat(camera: Camera, points: FloatArray, normals: FloatArray, colours: FloatArray, radius: float, cut: FloatArray | None = None) -> Layer:
+def splat(
+    camera: Camera, points: FloatArray, normals: FloatArray, colours: FloatArray, radius: float, cut: FloatArray | None = None
+) -> Layer:
     """Draw discs of ``radius`` m about ``points`` (n, 3) m that face along ``normals`` (n, 3), world, in ``colours`` (n, 4).
 
     Only those that face the viewer are drawn: turn the normals round to see the inside of a surface. ``cut`` is what
@@ -114,7 +116,10 @@ def splat(camera: Camera, points: FloatArray, normals: FloatArray, colours: Floa
     facing = facing.astype(np.float32)
     normal = np.stack([mean(facing[disc, i]) for i in range(3)], axis=-1)
     normal /= np.maximum(np.sqrt(np.einsum("ij,ij->i", normal, normal)), 1e-9)[:, None]
-    colour = np.stack([mean(colours[disc, i]) for i in range(4)], axis=-1)
+    if (colours == colours[:1]).all():
+        colour = np.where(there[:, None], colours[:1], np.float32(0.0))
+    else:
+        colour = np.stack([mean(colours[disc, i]) for i in range(4)], axis=-1)
     blended = np.where(there, mean(z), np.float32(NOTHING))
     return Layer(blended.reshape(height, width), normal.reshape(height, width, 3), colour.reshape(height, width, 4))
 
@@ -171,17 +176,24 @@ def edge_planes(points: FloatArray, normals: FloatArray, radius: float, *, turn:
 
 def shade(layer: Layer, scale: float, *, gloss: float = 0.15, hollows: bool = True) -> FloatArray:
     """Colours (height, width, 3) of a layer under the lights, its ``hollows`` darker; ``scale`` px/m as of the camera."""
-    n = layer.normal
-    key = np.clip(n @ (KEY_LIGHT / np.linalg.norm(KEY_LIGHT)), 0.0, 1.0)
-    fill = np.clip(n @ (FILL_LIGHT / np.linalg.norm(FILL_LIGHT)), 0.0, 1.0)
-    light = 0.46 + 0.50 * key + 0.12 * fill + 0.06 * n[..., 1]
+    drawn = layer.drawn
+    n, own = layer.normal[drawn], layer.colour[drawn]
+    key = np.clip(n @ _unit(KEY_LIGHT), 0.0, 1.0)
+    fill = np.clip(n @ _unit(FILL_LIGHT), 0.0, 1.0)
+    light = 0.46 + 0.50 * key + 0.12 * fill + 0.06 * n[:, 1]
     if hollows:
-        light *= _openness(layer, scale)
-    light = 1.0 + (light - 1.0) * (1.0 - 0.75 * layer.colour[..., 3])
-    half = KEY_LIGHT / np.linalg.norm(KEY_LIGHT) + np.array([0.0, 0.0, 1.0])
-    shine = gloss * np.clip(n @ (half / np.linalg.norm(half)), 0.0, 1.0) ** 40 * (1.0 - layer.colour[..., 3])
-    lit: FloatArray = np.clip(layer.colour[..., :3] * light[..., None] + shine[..., None], 0.0, 1.0)
+        light *= _openness(layer, scale)[drawn]
+    light = 1.0 + (light - 1.0) * (1.0 - 0.75 * own[:, 3])
+    half = _unit(_unit(KEY_LIGHT) + _unit(np.array([0.0, 0.0, 1.0])))
+    shine = gloss * np.clip(n @ half, 0.0, 1.0) ** 40 * (1.0 - own[:, 3])
+    lit = np.zeros(layer.normal.shape, np.float32)
+    lit[drawn] = np.clip(own[:, :3] * light[:, None] + shine[:, None], 0.0, 1.0)
     return lit
+
+
+def _unit(v: FloatArray) -> FloatArray:
+    unit: FloatArray = (v / np.linalg.norm(v)).astype(np.float32)
+    return unit
 
 
 def _openness(layer: Layer, scale: float) -> FloatArray:
@@ -203,16 +215,16 @@ def _openness(layer: Layer, scale: float) -> FloatArray:
 def outline(layer: Layer, step: float, *, thickness: int = 3) -> FloatArray:
     """1 where the depth jumps by more than ``step`` m within ``thickness`` px, else 0: the outlines, on the nearer side."""
     behind = minimum_filter(layer.depth, size=thickness)
-    edges: FloatArray = (layer.drawn & (layer.depth - behind > step)).astype(float)
+    edges: FloatArray = (layer.drawn & (layer.depth - behind > step)).astype(np.float32)
     return edges
 
 
 def creases(layer: Layer, *, turn: float = 0.6, thickness: int = 3) -> FloatArray:
     """1 where the normal turns by more than about ``turn`` rad within ``thickness`` px, else 0."""
-    spread = np.zeros(layer.depth.shape)
+    spread = np.zeros(layer.depth.shape, np.float32)
     for i in range(3):
         spread += (maximum_filter(layer.normal[..., i], size=thickness) - minimum_filter(layer.normal[..., i], size=thickness)) ** 2
-    sharp: FloatArray = (layer.drawn & (spread > turn**2)).astype(float)
+    sharp: FloatArray = (layer.drawn & (spread > turn**2)).astype(np.float32)
     return sharp
 
 
