@@ -296,6 +296,11 @@ class Hand:
         """Motor torques of the last step, (fingers, joints) N m."""
     def tip_poses(self) -> tuple[FloatArray, FloatArray]:
         """Middle of each pad's undeformed surface, +z out of the pad: positions (fingers, 3) m and quaternions (fingers, 4), world."""
+    @property
+    def link_poses(self) -> FloatArray:
+        """Frames of the links, (fingers, joints, 7): origin x y z on the joint's axis (m, world) and quaternion (w, x, y, z),
+        link frame to world. A straight finger hangs along -z of these frames, palmar side towards +x.
+        """
     def inverse_kinematics(self, finger: int, position: npt.ArrayLike, normal: npt.ArrayLike) -> FloatArray:
         """Joint positions (joints,) rad that bring the pad's apex of ``finger`` to ``position`` (3,) m with the pad facing
         ``normal`` (3,), both in the hand frame. Raises ``InvalidValueError`` where the finger cannot reach.

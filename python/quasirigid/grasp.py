@@ -21,12 +21,13 @@ from scipy.spatial.transform import Rotation
 from quasirigid._quasirigid import STAGES, Grip, Hand, HandModel, MassProperties, Material, Surface, World, __version__
 from quasirigid._quasirigid import Body as RigidBody
 from quasirigid.errors import InvalidValueError, SurfaceWarning
-from quasirigid.grasp_columns import columns, contact_rows
+from quasirigid.grasp_columns import columns, contact_rows, scene_columns, scene_rows
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.grasp_plan import plan_grasp
 from quasirigid.objects import DEFAULT_POINTS, ObjectGeometry, load_object
 from quasirigid.plots import save_all
-from quasirigid.recording import Recorder, Recording
+from quasirigid.recording import Column, Recorder, Recording
+from quasirigid.scene_plot import save_scene
 from quasirigid.summary import PHASES, FloatArray, conjugate, rotate, summarise
 
 BOX_SIZE = (0.06, 0.06, 0.08)
@@ -174,6 +175,7 @@ class Grasp:
         self.palm = start + self.taken.centre + PAD_DEPTH * self.taken.hand[:, 2]
         self.turn = quaternion_of(self.taken.hand)
         model = HandModel.three_finger()
+        self._pad_semi_axes = model.pad_semi_axes
         self.hand = self.world.add_hand(model, position=self.palm, quaternion=self.turn, material=pad, motion=options.object_motion)
         self.grip = self._open_grip()
         self.fingers = tuple(self.hand.finger_names)
@@ -239,9 +241,17 @@ class Grasp:
             if name == "close" and self.grip.state in ("closing", "missed"):
                 self._fall(recorder)  # closed on nothing
                 return
+            if name == "hold":
+                recorder.still(scene_rows(self.object, self.hand, self._pad_semi_axes, recorder.steps - 1))
             done += duration if name not in CLOSING else duration / 4
         if progress is not None:
             progress("release", 1.0)
+
+    def columns(self) -> list[Column]:
+        """What ``run`` records."""
+        joints = self.hand.joint_positions.shape[1]
+        sizes = len(self.object.deformed_points()), len(self.hand.deformed_points(0))
+        return columns(self.fingers, joints) + scene_columns(self.fingers, joints, *sizes)
 
     def _fall(self, recorder: Recorder) -> None:
         for _ in range(round(DURATIONS["fall"] / self.options.dt)):
@@ -351,9 +361,11 @@ def run_grasp(options: GraspOptions, out: Path, *, progress: Progress | None = N
     path = out / "recording.h5"
     chosen = {key: "" if value is None else str(value) for key, value in asdict(options).items()}
     attributes = {"quasirigid_version": __version__, "dt": options.dt, "options": json.dumps(chosen)}
+    attributes |= {"object": grasp.taken.name, "object_mass_kg": grasp.taken.mass.mass, "gravity_m_per_s2": GRAVITY}
+    attributes |= {"friction": grasp.friction, "squeeze_n": grasp.taken.squeeze}
     began = time.perf_counter()
     try:
-        with Recorder(path, columns(grasp.fingers, grasp.hand.joint_positions.shape[1]), attributes) as recorder:
+        with Recorder(path, grasp.columns(), attributes) as recorder:
             grasp.run(recorder, progress)
     except KeyboardInterrupt:
         _leave_summary(grasp, path, out, time.perf_counter() - began, interrupted=True)
@@ -389,5 +401,6 @@ def _leave_summary(grasp: Grasp, path: Path, out: Path, elapsed: float, *, inter
             f"{taken.name}, {mass:.3g} kg, friction {grasp.friction:.2g}, squeeze {taken.squeeze:.3g} N, {options.compliance} compliance"
         )
         weight = mass * GRAVITY
-        plots = save_all(recording, out, grasp.fingers, dt=options.dt, weight=weight, friction=grasp.friction, subtitle=subtitle)
+        plots = save_scene(recording, out)
+        plots += save_all(recording, out, grasp.fingers, dt=options.dt, weight=weight, friction=grasp.friction, subtitle=subtitle)
     return GraspResult(summary, file, path, tuple(plots))

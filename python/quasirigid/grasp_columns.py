@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from quasirigid._quasirigid import STAGES, Contacts
+from quasirigid._quasirigid import STAGES, Body, Contacts, Hand
 from quasirigid.recording import Column
-from quasirigid.summary import PHASES
+from quasirigid.summary import PHASES, FloatArray
 
 
 def columns(fingers: tuple[str, ...], joints: int) -> list[Column]:
@@ -46,6 +46,47 @@ def columns(fingers: tuple[str, ...], joints: int) -> list[Column]:
         Column("phase", (), "u1", labels=PHASES),
         Column("time", unit="s", what="simulated time at the end of the step"),
     ]
+
+
+SCENE_POINTS = 20_000
+"""Most points of the object that the picture of the scene is given."""
+
+
+def scene_columns(fingers: tuple[str, ...], joints: int, object_points: int, tip_points: int) -> list[Column]:
+    """The stills of a grasp's recording: what stands where at the end of the first hold, enough to draw it again."""
+    F, n, m = len(fingers), min(object_points, SCENE_POINTS), tip_points
+    deformed = "of the surface as deformed"
+    return [
+        Column("scene/object/points", (n, 3), "f4", "m", "world", f"{deformed}, an even choice of them", still=True),
+        Column("scene/object/normals", (n, 3), "f4", "1", "world", "outward", still=True),
+        Column("scene/object/centre_of_mass", (3,), unit="m", frame="world", still=True),
+        Column("scene/tips/points", (F, m, 3), "f4", "m", "world", deformed, still=True, labels=fingers),
+        Column("scene/tips/normals", (F, m, 3), "f4", "1", "world", "outward", still=True, labels=fingers),
+        Column("scene/tips/pose", (F, 7), unit="m, 1", frame="world", what="middle of the pad, +z outwards", still=True, labels=fingers),
+        Column("scene/tips/semi_axes", (3,), unit="m", frame="pad", what="of the pad's ellipsoid", still=True),
+        Column("scene/hand/pose", (7,), unit="m, 1", frame="world", what="x y z of the palm, quaternion w x y z", still=True),
+        Column("scene/hand/link_poses", (F, joints, 7), unit="m, 1", frame="world", what="link frames", still=True, labels=fingers),
+        Column("scene/step", (), "i8", what="step of the recording that was drawn, from 0", still=True),
+    ]
+
+
+def scene_rows(thing: Body, hand: Hand, semi_axes: FloatArray, step: int) -> dict[str, Any]:
+    """The stills of ``scene_columns`` as the world is now, after the recorded ``step``."""
+    points, normals = thing.deformed_points(), thing.deformed_normals()
+    chosen = np.linspace(0, len(points) - 1, min(len(points), SCENE_POINTS)).round().astype(int)
+    fingers = range(hand.finger_count)
+    return {
+        "scene/object/points": points[chosen],
+        "scene/object/normals": normals[chosen],
+        "scene/object/centre_of_mass": thing.centre_of_mass,
+        "scene/tips/points": np.stack([hand.deformed_points(f) for f in fingers]),
+        "scene/tips/normals": np.stack([hand.deformed_normals(f) for f in fingers]),
+        "scene/tips/pose": np.concatenate(hand.tip_poses(), axis=1),
+        "scene/tips/semi_axes": semi_axes,
+        "scene/hand/pose": np.concatenate([hand.position, hand.quaternion]),
+        "scene/hand/link_poses": hand.link_poses,
+        "scene/step": step,
+    }
 
 
 def contact_rows(contacts: Contacts, thing: int, finger_of: Mapping[int, int], fingers: int) -> dict[str, Any]:

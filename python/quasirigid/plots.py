@@ -142,7 +142,7 @@ def motion(columns: Columns, *, dt: float, subtitle: str = "") -> Figure:
     return figure
 
 
-def _plane(points: FloatArray, normals: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+def patch_plane(points: FloatArray, normals: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Centre and axes (3, 2) of a patch's own plane: second axis as near to upwards as it gets."""
     total = weights.sum()
     weights = weights / total if total > 0.0 else np.full(len(points), 1.0 / len(points))
@@ -176,7 +176,7 @@ def patches(contacts: Mapping[str, npt.NDArray[Any]], fingers: Sequence[str], *,
             continue
         points, normals, force = (contacts[key][mine].astype(float) for key in ("point", "normal", "force"))
         push = np.einsum("ij,ij->i", force, normals)
-        centre, axes2 = _plane(points, normals, np.abs(push))
+        centre, axes2 = patch_plane(points, normals, np.abs(push))
         flat, friction = 1e3 * (points - centre) @ axes2, (force - push[:, None] * normals) @ axes2
         radius = max(radius, float(np.abs(flat).max()) + 1.0)
         layers.append((flat, friction, np.abs(push), kpa[mine], contacts["status"][mine], contacts["area"][mine].astype(float)))

@@ -2,7 +2,8 @@
 
 A recording is a set of columns. A *step column* has one row per step. A *ragged column* has any number of rows per step
 (contacts): its rows lie one after another, and the step column ``<group>/end`` says where each step's rows end, so that
-the rows of step ``i`` are ``end[i - 1]:end[i]`` (from 0 for the first).
+the rows of step ``i`` are ``end[i - 1]:end[i]`` (from 0 for the first). A *still* has one row at most: it is written once in
+the run, or never.
 
 The file is written in the single-writer-multiple-readers mode of HDF5, which keeps the file on disk valid at all times.
 Rows are buffered and go to disk block by block, so that an append costs microseconds; a run that is killed loses the last
@@ -28,6 +29,7 @@ from quasirigid.errors import InvalidShapeError, ObjectFileError
 FORMAT = "quasirigid-recording"
 VERSION = 1
 RAGGED_CHUNK = 8192
+STILL = "still: one row, or none if the run did not get there"
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class Column:
     what: str = ""
     ragged: bool = False
     labels: tuple[str, ...] = ()
+    still: bool = False
 
     @property
     def group(self) -> str:
@@ -62,9 +65,10 @@ class Recorder:
         self._block = block
         self._fill = 0
         ends = {c.group for c in columns if c.ragged}
+        self._stills = [c for c in columns if c.still]
         # Written in this order, `time` last: a step counts once its time is on disk.
         steps = [Column(f"{g}/end", (), "i8", "1", "-", "row after the last of this step") for g in sorted(ends)]
-        steps += sorted((c for c in columns if not c.ragged), key=lambda c: c.name == "time")
+        steps += sorted((c for c in columns if not c.ragged and not c.still), key=lambda c: c.name == "time")
         self._ragged = [c for c in columns if c.ragged]
         self._steps = steps
         self._rows = {c.name: np.zeros((block, *c.shape), c.dtype) for c in steps}
@@ -75,19 +79,22 @@ class Recorder:
             self._file.attrs.update({"format": FORMAT, "version": VERSION, "complete": False, "units": "SI: m, kg, s, N, Pa, rad"})
             self._file.attrs.update({"frames": "world: z up; quaternions are (w, x, y, z)", **(attributes or {})})
             self._data = {c.name: self._create(c, RAGGED_CHUNK if c.ragged else block) for c in self._ragged + steps}
+            self._data |= {c.name: self._create(c, 1) for c in self._stills}
             self._file.swmr_mode = True
         except BaseException:
             self._file.close()
             raise
 
     def _create(self, column: Column, chunk: int) -> h5py.Dataset:
-        packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if column.ragged else {}
+        packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if column.ragged or column.still else {}
         data = self._file.create_dataset(
             column.name, (0, *column.shape), column.dtype, maxshape=(None, *column.shape), chunks=(chunk, *column.shape), **packed
         )
         data.attrs.update({"unit": column.unit, "frame": column.frame, "what": column.what})
         if column.ragged:
             data.attrs["rows"] = f"ragged: step i has rows end[i - 1]:end[i] of {column.group}/end"
+        if column.still:
+            data.attrs["rows"] = STILL
         if column.labels:
             data.attrs["labels"] = list(column.labels)
         return data
@@ -118,6 +125,20 @@ class Recorder:
         self.steps += 1
         if self._fill == self._block:
             self.flush()
+
+    def still(self, values: Mapping[str, Any]) -> None:
+        """Write stills, by name; they are on disk at once. A still that was written before is replaced."""
+        known = {c.name: c for c in self._stills}
+        for name, value in values.items():
+            given = np.asarray(value)
+            if name not in known or given.shape != known[name].shape:
+                expected = str(known[name].shape) if name in known else "one of the stills of this recording"
+                raise InvalidShapeError(name, expected, str(given.shape), "name it and its shape when the recording is made")
+        for name, value in values.items():
+            data = self._data[name]
+            data.resize(1, axis=0)
+            data[0] = value
+            data.flush()
 
     def flush(self) -> None:
         """Put everything appended so far on disk."""
@@ -184,8 +205,10 @@ class Recording:
             raise ObjectFileError(str(path), "a recording of quasirigid", "some other HDF5 file", "give the path of a recording.h5")
         self.names: list[str] = []
         self._file.visititems(lambda name, item: self.names.append(name) if isinstance(item, h5py.Dataset) else None)
-        self._ragged = {name for name in self.names if "rows" in self._file[name].attrs}
-        self.steps: int = min((self._file[name].shape[0] for name in self.names if name not in self._ragged), default=0)
+        special = {name: str(self._file[name].attrs["rows"]) for name in self.names if "rows" in self._file[name].attrs}
+        self._stills = {name for name, rows in special.items() if rows == STILL}
+        self._ragged = special.keys() - self._stills
+        self.steps: int = min((self._file[name].shape[0] for name in self.names if name not in special), default=0)
 
     @property
     def complete(self) -> bool:
@@ -206,7 +229,10 @@ class Recording:
         return [str(label) for label in self._file[name].attrs.get("labels", [])]
 
     def __getitem__(self, name: str) -> npt.NDArray[Any]:
-        """A whole column: (steps, ...), or (all rows, ...) for a ragged one."""
+        """A whole column: (steps, ...), (all rows, ...) for a ragged one, (1 or 0, ...) for a still."""
+        if name in self._stills:
+            still: npt.NDArray[Any] = self._file[name][:]
+            return still
         stop = self._stop(name, self.steps - 1) if name in self._ragged else self.steps
         values: npt.NDArray[Any] = self._file[name][:stop]
         return values
@@ -218,6 +244,11 @@ class Recording:
         start = self._stop(f"{group}/end", step - 1)
         stop = self._stop(f"{group}/end", step)
         return {name.removeprefix(f"{group}/"): self._file[name][start:stop] for name in sorted(columns)}
+
+    def stills(self, group: str) -> dict[str, npt.NDArray[Any]]:
+        """The stills of a ``group`` by their names within it; empty if the run did not get to where they are written."""
+        names = sorted(name for name in self._stills if name.startswith(f"{group}/") and len(self._file[name]))
+        return {name.removeprefix(f"{group}/"): self._file[name][0] for name in names}
 
     def _stop(self, name: str, step: int) -> int:
         return int(self._file[name.rpartition("/")[0] + "/end"][step]) if step >= 0 else 0

@@ -54,7 +54,7 @@ def test_patches_name_units_and_slip(tmp_path: Path) -> None:
 
 def test_patch_plane_is_upright_and_seen_from_the_finger() -> None:
     pad = pad_patch(0)
-    centre, axes = plots._plane(pad["point"], pad["normal"], pad["pressure"])
+    centre, axes = plots.patch_plane(pad["point"], pad["normal"], pad["pressure"])
     np.testing.assert_allclose(centre, [-0.03, 0.0, 0.04], atol=1e-5)
     np.testing.assert_allclose(axes.T @ axes, np.eye(2), atol=1e-12)
     np.testing.assert_allclose(axes[:, 1], [0, 0, 1], atol=1e-12)

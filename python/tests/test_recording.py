@@ -125,3 +125,22 @@ def test_bad_rows_and_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "text.h5").write_text("hello")
     with pytest.raises(ObjectFileError, match="expected a recording"):
         Recording(tmp_path / "text.h5")
+
+
+def test_stills_come_back_and_do_not_count_as_steps(tmp_path: Path) -> None:
+    path = tmp_path / "recording.h5"
+    stills = [Column("scene/points", (4, 3), "f4", "m", "world", still=True), Column("scene/never", (2,), still=True)]
+    with Recorder(path, COLUMNS + stills) as recorder:
+        for i in range(150):
+            recorder.append(row(i))
+        for values in ({"scene/points": np.zeros((5, 3))}, {"scene/other": 1.0}):
+            with pytest.raises(InvalidShapeError):
+                recorder.still(values)
+        recorder.still({"scene/points": np.ones((4, 3))})
+        with Recording(path) as recording:  # while the run goes on
+            assert recording.stills("scene")["points"].sum() == 12.0
+    assert check(path, 150) == 150
+    with Recording(path) as recording:
+        assert list(recording.stills("scene")) == ["points"]
+        assert recording["scene/never"].shape == (0, 2)
+        assert recording.unit("scene/points") == "m"

@@ -5,7 +5,7 @@ use crate::conv;
 use crate::errors::{OrRaise, to_py};
 use crate::grip::Grip;
 use crate::world::World;
-use numpy::{PyArray1, PyArray2};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use quasirigid::body::inverse_kinematics::{IkOptions, TipGoal, inverse_kinematics};
 use quasirigid::body::{BodyEntry, Finger};
@@ -149,6 +149,23 @@ impl Hand {
         })?;
         let turns = poses.iter().flat_map(|p| [p.rotation.w, p.rotation.i, p.rotation.j, p.rotation.k]).collect();
         Ok((conv::from_points(py, poses.iter().map(|p| p.translation.vector))?, conv::rows(py, turns, 4)?))
+    }
+
+    #[getter]
+    fn link_poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<Real>>> {
+        let (values, fingers, joints) = self.read(py, |world, hand| {
+            let (fingers, joints) = (hand.fingers.len(), hand.model.fingers()[0].dof());
+            let mut values = Vec::with_capacity(7 * fingers * joints);
+            for i in 0..fingers {
+                let finger = world.finger(self.handle, i)?;
+                for p in (0..joints).map(|link| finger.link_pose(link)) {
+                    values.extend_from_slice(p.translation.vector.as_slice());
+                    values.extend([p.rotation.w, p.rotation.i, p.rotation.j, p.rotation.k]);
+                }
+            }
+            Ok((values, fingers, joints))
+        })?;
+        values.into_pyarray(py).reshape([fingers, joints, 7])
     }
 
     fn inverse_kinematics<'py>(

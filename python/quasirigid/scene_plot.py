@@ -1,0 +1,465 @@
+"""The picture of a grasp: hand, object and forces at the end of the first hold, and one contact patch close by.
+
+Drawn from nothing but a recording, so that it can be made again: ``save_scene(Recording("recording.h5"), Path("."))``.
+The object is drawn as if of glass, so that the soft pads and the pressure on them show through it.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib import colormaps, patheffects
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from matplotlib.ticker import MaxNLocator
+from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.spatial import cKDTree
+
+from quasirigid.plots import FINGER_COLOURS, INK, MUTED, SLIP, patch_plane
+from quasirigid.recording import Recording
+from quasirigid.splats import Camera, FloatArray, Layer, creases, directions, edge_planes, halved, outline, shade, splat, tube
+from quasirigid.summary import creep, phases, pose_in, rotate, settled
+
+WIDTH, HEIGHT, DPI = 1200, 800, 150
+FINE = 2
+"""Drawn this many times larger, then reduced: smooth edges."""
+SCENE = (0, 0, 745, 745)
+"""Place of the scene in the picture: left, bottom, width, height, px."""
+CLOSE = (812, 312, 360, 360)
+"""Place of the close-up."""
+PAD, NAIL, BONE, PALM = (0.95, 0.86, 0.79), (0.86, 0.83, 0.81), (0.80, 0.83, 0.86), (0.62, 0.66, 0.71)
+GLASS = (0.30, 0.45, 0.62)
+EDGE = (0.20, 0.26, 0.34)
+LINK_RADII = (0.009, 0.0085, 0.0075, 0.0055)
+"""Of the tubes at the joints of a finger, as wide as the phalanges of the built-in hand, m."""
+GRID = 0.01
+HALO: list[patheffects.AbstractPathEffect] = [patheffects.withStroke(linewidth=3.0, foreground="white")]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """What is drawn, from a recording."""
+
+    scene: dict[str, FloatArray]
+    contacts: dict[str, FloatArray]
+    fingers: list[str]
+    forces: FloatArray
+    """(fingers, 3) N on the object, world."""
+    drift: float
+    attributes: dict[str, Any]
+
+    @property
+    def peak(self) -> float:
+        """Largest pressure of a finger on the object, Pa."""
+        mine = self.contacts["finger"] >= 0
+        return max(float(self.contacts["pressure"][mine].max(initial=0.0)), 1.0)
+
+    def patch(self, finger: int) -> npt.NDArray[np.bool_]:
+        """The loaded contacts of a finger with the object."""
+        mine: npt.NDArray[np.bool_] = (self.contacts["finger"] == finger) & (self.contacts["pressure"] > 0.0)
+        return mine
+
+    def centre(self, finger: int) -> FloatArray | None:
+        """Centre of pressure of a finger, (3,) m, world."""
+        mine = self.patch(finger)
+        if not mine.any():
+            return None
+        centre: FloatArray = np.average(self.contacts["point"][mine].astype(float), axis=0, weights=self.contacts["reaction"][mine, 0])
+        return centre
+
+
+def read_shot(recording: Recording) -> Shot | None:
+    """What the picture needs, or ``None`` if the run did not come to the end of its first hold."""
+    scene = {name: np.asarray(values) for name, values in recording.stills("scene").items()}
+    if not scene or int(scene["step"]) >= recording.steps:
+        return None
+    step, dt = int(scene["step"]), float(recording.attributes["dt"])
+    hold = next(span for span in phases(recording["phase"], recording["time"], dt) if span.first <= step < span.last)
+    poses = recording["bodies/pose"][settled(hold, dt)]
+    return Shot(
+        scene=scene,
+        contacts=recording.rows("contacts", step),
+        fingers=recording.labels("hand/force_on_object"),
+        forces=recording["hand/force_on_object"][step],
+        drift=creep(pose_in(poses[:, 2], poses[:, 0]), dt)[0],
+        attributes=recording.attributes,
+    )
+
+
+def _pressure_on(points: FloatArray, shot: Shot, finger: int) -> FloatArray:
+    """Pressure (n,) Pa at ``points`` (n, 3) of a pad: that of the contacts around, a Gaussian as wide as they are apart."""
+    mine = shot.patch(finger)
+    if not mine.any():
+        return np.zeros(len(points))
+    spots, pressure = shot.contacts["point"][mine].astype(float), shot.contacts["pressure"][mine].astype(float)
+    apart = float(np.sqrt(shot.contacts["area"][mine].astype(float).mean()))
+    h = 0.8 * apart
+    distance, nearest = cKDTree(spots).query(points, k=min(12, len(spots)), distance_upper_bound=3 * h)
+    distance, nearest = distance.reshape(len(points), -1), nearest.reshape(len(points), -1)
+    found = np.isfinite(distance)
+    weight = np.where(found, np.exp(-((np.where(found, distance, 0.0) / h) ** 2)), 0.0)
+    total = weight.sum(axis=1)
+    # Where few contacts are around, at the rim, the rest counts as unloaded. Within the patch the sum is pi (h / apart)^2.
+    value: FloatArray = (weight * pressure[np.where(found, nearest, 0)]).sum(axis=1) / np.maximum(total, 0.75 * np.pi * (h / apart) ** 2)
+    return value
+
+
+def _pad_colours(pressure: FloatArray, peak: float) -> FloatArray:
+    """Colours (n, 4) of a pad under ``pressure`` (n,): viridis where it is pressed, its own where not."""
+    x = np.clip(pressure / peak, 0.0, 1.0)
+    loaded = np.clip((x - 0.01) / 0.05, 0.0, 1.0)[:, None]
+    colour = loaded * colormaps["viridis"](x)[:, :3] + (1.0 - loaded) * np.array(PAD)
+    return np.concatenate([colour, loaded], axis=1)
+
+
+def _spacing(points: FloatArray) -> float:
+    """Distance of a point to its neighbours, the median over the surface, m."""
+    distance, _ = cKDTree(points).query(points[:: max(1, len(points) // 2000)], k=5)
+    return float(np.median(distance[:, 1:]))
+
+
+Part = tuple[FloatArray, FloatArray, FloatArray]
+"""Points and normals (n, 3), world, and colours (n, 4)."""
+
+
+def _tip(shot: Shot, finger: int) -> list[Part]:
+    """A fingertip: its pad as deformed, coloured by pressure, on a nail that does not yield: the other half of the ellipsoid."""
+    points, normals = (shot.scene[f"tips/{name}"][finger].astype(float) for name in ("points", "normals"))
+    axes, pose = shot.scene["tips/semi_axes"], shot.scene["tips/pose"][finger]
+    unit = directions(5000)
+    unit = unit[unit[:, 2] < 0.05]
+    back = pose[:3] + rotate(pose[3:], unit * axes - np.array([0.0, 0.0, axes[2]]))
+    outward = rotate(pose[3:], unit / axes)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    return [
+        (points, normals, _pad_colours(_pressure_on(points, shot, finger), shot.peak)),
+        (back, outward, np.tile([*NAIL, 0.0], (len(back), 1))),
+    ]
+
+
+def _links(shot: Shot, spacing: float) -> list[Part]:
+    """Palm, links and joints; the joints in the colour of their finger."""
+    parts: list[Part] = []
+    palm, links = shot.scene["hand/pose"], shot.scene["hand/link_poses"]
+    z = np.array([0.0, 0.0, 1.0])
+
+    def add(a: FloatArray, b: FloatArray, start: float, end: float, colour: tuple[float, ...]) -> None:
+        points, normals = tube(a, b, start, end, spacing)
+        parts.append((points, normals, np.tile([*colour, 0.0], (len(points), 1))))
+
+    for f in range(len(shot.fingers)):
+        tip = shot.scene["tips/pose"][f]
+        chain = [*links[f, 1:, :3], tip[:3] - shot.scene["tips/semi_axes"][2] * rotate(tip[3:], z)]
+        add(palm[:3], chain[0], 0.0115, LINK_RADII[0], PALM)
+        own = to_rgb(FINGER_COLOURS[f % 6])
+        for i, (a, b) in enumerate(itertools.pairwise(chain)):
+            radius = LINK_RADII[min(i, 3)], LINK_RADII[min(i + 1, 3)]
+            add(a, b, *radius, BONE)
+            axle = 1.04 * radius[0] * rotate(links[f, min(i + 1, links.shape[1] - 1), 3:], np.array([0.0, 1.0, 0.0]))
+            add(a - axle, a + axle, 0.42 * radius[0], 0.42 * radius[0], own)
+    add(palm[:3], palm[:3] + 0.018 * rotate(palm[3:], z), 0.0122, 0.0095, PALM)
+    return parts
+
+
+def _draw(camera: Camera, parts: list[Part], radius: float) -> Layer:
+    points, normals, colours = (np.concatenate([part[i] for part in parts]) for i in range(3))
+    return splat(camera, points, normals, colours, radius)
+
+
+def _ground(camera: Camera, z: float, shadows: list[tuple[FloatArray, float]], middle: FloatArray, reach: float) -> FloatArray:
+    """The floor (height, width, 3): a grid that fades out at ``reach`` m from the ``middle``, and soft shadows from straight above
+    of ``shadows``: points and how dark they make it.
+    """
+    x, y, _ = camera.plane(z)
+    far = np.hypot(x - middle[0], y - middle[1]) / reach
+    fade = np.clip(1.25 * (1.0 - far), 0.0, 1.0)
+    cell = 1.5e-3
+    cells = int(2 * reach / cell)
+    column, row = (x - middle[0] + reach) / cell - 0.5, (y - middle[1] + reach) / cell - 0.5
+    dark = np.zeros(x.shape)
+    for points, strength in shadows:
+        where = ((points[:, :2] - middle[:2] + reach) / cell).astype(int)
+        where = where[((where >= 0) & (where < cells)).all(axis=1)]
+        covered = np.zeros((cells, cells))
+        covered[where[:, 0], where[:, 1]] = 1.0
+        soft = 0.5 * gaussian_filter(covered, 2e-3 / cell) + 0.5 * gaussian_filter(covered, 7e-3 / cell)
+        dark = np.maximum(dark, strength * map_coordinates(soft, [column, row], order=1))
+    # Lines one fine pixel and a half wide, whichever way the floor is foreshortened.
+    lines = np.zeros(x.shape)
+    for along in (x, y):
+        slope = np.hypot(*np.gradient(along)) + 1e-12
+        off = np.abs((along / GRID + 0.5) % 1.0 - 0.5) * GRID / slope
+        lines = np.maximum(lines, np.clip(1.6 - off, 0.0, 1.0))
+    shade_of = (1.0 - 0.13 * fade * lines) * (1.0 - dark)
+    tint = np.array([0.97, 0.985, 1.0])
+    floor: FloatArray = np.clip(shade_of[..., None] ** (1.0 / tint), 0.0, 1.0)
+    return floor
+
+
+def _compose(background: FloatArray, solid: Layer, glass: list[Layer], scale: float) -> FloatArray:
+    """Solid and glass, pixel by pixel from far to near, on a background."""
+    body = shade(solid, scale)
+    body *= 1.0 - 0.55 * np.clip(outline(solid, 2.5e-3), 0.0, 1.0)[..., None]
+    # Where a pad lies on the object, the pad counts as nearer.
+    layers = [(solid.depth + np.float32(6e-4), body, solid.drawn.astype(np.float32))]
+    for layer in glass:
+        facing = np.clip(layer.normal[..., 2], 0.0, 1.0)
+        inside = layer is glass[0]
+        edge = np.maximum(outline(layer, 2e-3), 0.75 * creases(layer))
+        alpha = (0.07 if inside else 0.13) + 0.40 * (1.0 - facing) ** 2.5
+        colour = shade(layer, scale, gloss=0.5, hollows=False)
+        line = (0.35 if inside else 0.75) * edge
+        colour += (np.array(EDGE, np.float32) - colour) * line[..., None]
+        layers.append((layer.depth, colour, layer.drawn * np.clip(np.maximum(alpha, line), 0.0, 1.0)))
+    image = background.copy()
+    # Only where there is anything, as a list of pixels.
+    there = np.any([layer.drawn for layer in (solid, *glass)], axis=0)
+    pixels = image[there]
+    flat = [(depth[there], colour[there], alpha[there]) for depth, colour, alpha in layers]
+    order = np.argsort([depth for depth, _, _ in flat], axis=0)
+    for rank in order:
+        colour = np.choose(rank[:, None], [colour for _, colour, _ in flat])
+        share = np.choose(rank, [alpha for _, _, alpha in flat])
+        pixels += (colour - pixels) * share[:, None]
+    image[there] = pixels
+    return image
+
+
+def view_of(palm: FloatArray, centre: FloatArray) -> FloatArray:
+    """Unit vector (3,) towards the viewer, world: from the thumb's side, a little from above, with the palm not in between.
+
+    ``palm`` (7,) pose of the hand, ``centre`` (3,) m of what it holds.
+    """
+    up = np.array([0.0, 0.0, 1.0])
+    across = rotate(palm[3:], np.array([1.0, 0.0, 0.0]))
+    across[2] = 0.0
+    if np.linalg.norm(across) < 0.3:  # closes upwards: look along the palm's other axis
+        across = rotate(palm[3:], np.array([0.0, 1.0, 0.0])) * [1.0, 1.0, 0.0]
+    across /= np.linalg.norm(across)
+    side = np.cross(up, across)
+    if side @ (palm[:3] - centre) > -1e-6:
+        side = -side
+    turn, lift = np.radians(50.0), np.radians(17.0)
+    view: FloatArray = np.cos(lift) * (-np.sin(turn) * across + np.cos(turn) * side) + np.sin(lift) * up
+    return view
+
+
+def _camera(shot: Shot, floor: float) -> Camera:
+    """The camera that has hand and object in the picture, with room for words."""
+    points = shot.scene["object/points"].astype(float)
+    palm = shot.scene["hand/pose"]
+    back = view_of(palm, points.mean(axis=0))
+    size = (FINE * SCENE[2], FINE * SCENE[3])
+    camera = Camera.towards(back, np.array([0.0, 0.0, 1.0]), points.mean(axis=0), 1.0, size)
+    up = rotate(palm[3:], np.array([0.0, 0.0, 1.0]))
+    ground = np.column_stack([points[:, :2], np.full(len(points), floor)])
+    whole = camera.project(np.concatenate([points, ground, shot.scene["hand/link_poses"][..., :3].reshape(-1, 3), [palm[:3] + 0.02 * up]]))
+    low, high = whole[:, :2].min(axis=0) - 0.012, whole[:, :2].max(axis=0) + 0.012
+    # Room in px for the names of the fingers beside them, below for the scale bar.
+    knuckles = camera.project(shot.scene["hand/link_poses"][:, 2, :3])[:, 0]
+    right = knuckles > knuckles.mean()
+    left_room, right_room = (
+        max((11.5 * len(name) for name, there in zip(shot.fingers, right, strict=True) if there == side), default=10.0) for side in (0, 1)
+    )
+    scale = FINE * float(min((SCENE[2] - left_room - right_room) / (high - low)[0], (SCENE[3] - 60.0) / (high - low)[1]))
+    middle = 0.5 * (low + high) + 0.5 * np.array([right_room - left_room, -40.0]) * FINE / scale
+    centre = camera.centre + camera.axes[:, :2] @ middle
+    return Camera(camera.axes, centre, scale, size)
+
+
+def _place(figure: Figure, box: tuple[int, int, int, int]) -> Axes:
+    left, bottom, width, height = box
+    return figure.add_axes((left / WIDTH, bottom / HEIGHT, width / WIDTH, height / HEIGHT))
+
+
+def _arrow(axes: Axes, start: FloatArray, end: FloatArray, colour: str) -> None:
+    """A flat arrow, px; the head of a short one is smaller."""
+    along = np.asarray(end, float) - start
+    length = float(np.linalg.norm(along))
+    if length < 3.0:
+        return
+    along /= length
+    across = np.array([-along[1], along[0]])
+    head = min(19.0, 0.62 * length)
+    wide, thin = 0.5 * head, 0.15 * head
+    outline_of = [(0.0, thin), (length - head, thin), (length - head, wide), (length, 0.0)]
+    outline_of += [(s, -w) for s, w in reversed(outline_of[:-1])]
+    shape = Polygon(
+        [start + s * along + w * across for s, w in outline_of], closed=True, facecolor=colour, edgecolor="white", linewidth=1.1
+    )
+    axes.add_patch(shape)
+
+
+def _draw_scene(axes: Axes, shot: Shot) -> None:
+    """Hand, object, floor, forces, names, scale bar."""
+    points, normals = (shot.scene[f"object/{name}"].astype(float) for name in ("points", "normals"))
+    tall = np.ptp(points[:, 2])
+    floor = points[:, 2].min() - max(0.012, 0.16 * tall)
+    camera = _camera(shot, floor)
+    fine = 7e-4
+    parts = _links(shot, fine)
+    links = np.concatenate([points for points, _, _ in parts])
+    for f in range(len(shot.fingers)):
+        parts += _tip(shot, f)
+    solid = _draw(camera, parts, 1.45 * fine)
+    wide = 1.9 * _spacing(points)
+    glass = np.array([*GLASS, 0.0])
+    edges = edge_planes(points, normals, wide)
+    walls = [splat(camera, points, sign * normals, glass, wide, edges) for sign in (-1.0, 1.0)]
+    middle = np.array([*points[:, :2].mean(axis=0), 0.0])
+    tips = shot.scene["tips/points"].reshape(-1, 3)
+    shadows = [(points, 0.20), (np.concatenate([links, tips]), 0.11)]
+    background = _ground(camera, floor, shadows, middle, 0.125)
+    image = halved(_compose(background, solid, walls, camera.scale), FINE)
+    axes.imshow(image, extent=(0, SCENE[2], 0, SCENE[3]), interpolation="none", aspect="auto")
+    axes.set(xlim=(0, SCENE[2]), ylim=(0, SCENE[3]))
+    axes.set_axis_off()
+
+    def at(point: FloatArray) -> FloatArray:
+        place: FloatArray = camera.project(point)[..., :2] * camera.scale / FINE + np.array(SCENE[2:]) / 2
+        return place
+
+    weight = float(shot.attributes["object_mass_kg"]) * float(shot.attributes["gravity_m_per_s2"])
+    centres = [shot.centre(f) for f in range(len(shot.fingers))]
+    reached = np.array([c for c in centres if c is not None])
+    size = max(float(np.ptp(reached, axis=0).max()) if len(reached) else 0.0, 0.02)
+    longest = max(float(np.linalg.norm(shot.forces, axis=1).max()), weight, 1e-9)
+    metres = 0.5 * size / longest
+    names: list[tuple[FloatArray, str, str]] = []
+    for f, centre in enumerate(centres):
+        colour = FINGER_COLOURS[f % 6]
+        newtons = float(np.linalg.norm(shot.forces[f]))
+        knuckle = at(shot.scene["hand/link_poses"][f, 2, :3])
+        names.append((knuckle, f"{shot.fingers[f].replace('_', ' ')}\n{newtons:.2f} N", colour))
+        if centre is not None:
+            _arrow(axes, at(centre), at(centre + metres * shot.forces[f]), colour)
+    mass = shot.scene["object/centre_of_mass"]
+    end = mass - [0.0, 0.0, metres * weight]
+    _arrow(axes, at(mass), at(end), INK)
+    axes.plot(*at(mass), "o", color=INK, markersize=3.8, markeredgecolor="white", markeredgewidth=1.0)
+    text = axes.text(at(end)[0], at(end)[1] - 5, f"weight {weight:.2f} N", fontsize=9, color=INK, ha="center", va="top")
+    text.set_path_effects(HALO)
+    _name(axes, names, 1.7 * LINK_RADII[1] * camera.scale / FINE)
+    _scale_bar(axes, camera.scale / FINE)
+
+
+def _name(axes: Axes, names: list[tuple[FloatArray, str, str]], aside: float) -> None:
+    """The fingers' names beside them, outside the hand, no two over each other."""
+    middle = float(np.mean([place[0] for place, _, _ in names]))
+    for right in (False, True):
+        mine = sorted((n for n in names if (n[0][0] > middle) == right), key=lambda n: -n[0][1])
+        edge = max((n[0][0] for n in mine), default=0.0) if right else min((n[0][0] for n in mine), default=0.0)
+        last = np.inf
+        for place, text, colour in mine:
+            y = min(float(place[1]), last - 48)
+            last = y
+            x = edge + aside if right else edge - aside
+            look: dict[str, Any] = {"ha": "left" if right else "right", "va": "center", "linespacing": 1.15}
+            words = axes.text(x, y, text, color=colour, fontsize=9.5, fontweight="bold", **look)
+            words.set_path_effects(HALO)
+
+
+def _scale_bar(axes: Axes, scale: float) -> None:
+    """20 mm, in the plane of the picture."""
+    left, y, length = 22, 22, 0.02 * scale
+    axes.plot([left, left + length], [y, y], color=INK, linewidth=2.2, solid_capstyle="butt")
+    axes.text(left + length / 2, y + 7, "20 mm", ha="center", va="bottom", fontsize=8.5, color=INK).set_path_effects(HALO)
+    axes.text(left + length + 12, y, f"floor grid {1e3 * GRID:.0f} mm", va="center", fontsize=8.5, color=MUTED).set_path_effects(HALO)
+
+
+def _draw_patch(figure: Figure, shot: Shot, finger: int) -> None:
+    """The pad of a finger as the object feels it: deformed, pressure in colour, friction as arrows."""
+    axes = _place(figure, CLOSE)
+    mine = shot.patch(finger)
+    points, normals, force = (shot.contacts[name][mine].astype(float) for name in ("point", "normal", "force"))
+    push = np.einsum("ij,ij->i", force, normals)
+    centre, plane = patch_plane(points, normals, push)
+    flat = 1e3 * (points - centre) @ plane
+    radius = float(np.abs(flat).max()) + 2.8
+    back = np.cross(plane[:, 0], plane[:, 1])
+    size = (FINE * CLOSE[2], FINE * CLOSE[3])
+    camera = Camera.towards(back, plane[:, 1], centre, size[0] / (2e-3 * radius), size)
+    pad = _draw(camera, _tip(shot, finger), 1.8 * _spacing(shot.scene["tips/points"][finger]))
+    image = np.where(pad.drawn[..., None], shade(pad, camera.scale, gloss=0.0), 1.0)
+    axes.imshow(halved(image, FINE), extent=(-radius, radius, -radius, radius), interpolation="none")
+    friction = (force - push[:, None] * normals) @ plane
+    longest = max(float(np.linalg.norm(friction, axis=1).max()), 1e-12)
+    look: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "minlength": 0.1, "width": 0.0085, "linewidth": 0.6}
+    look |= {"headwidth": 4.0, "headlength": 4.5, "headaxislength": 4.2}
+    seen = np.linalg.norm(friction, axis=1) > 0.06 * longest
+    arrows = 0.27 * radius / longest * friction[seen]
+    axes.quiver(*flat[seen].T, *arrows.T, color="white", edgecolor=INK, zorder=3, **look)
+    slips = shot.contacts["status"][mine] == SLIP
+    axes.scatter(flat[slips, 0], flat[slips, 1], s=70, facecolors="none", edgecolors="#D55E00", linewidths=1.4, zorder=4)
+    axes.set(xlim=(-radius, radius), ylim=(-radius, radius))
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 4, 5, 10]))
+    axes.tick_params(labelsize=8.5, colors=MUTED, length=3)
+    axes.set_ylabel("up (mm)", fontsize=9, color=INK, labelpad=1)
+    axes.set_xlabel("across (mm)", fontsize=9, color=INK, labelpad=2)
+    axes.spines[:].set_color("#BBBBBB")
+    name = shot.fingers[finger].replace("_", " ")
+    axes.set_title(f"patch of the {name}", loc="left", fontsize=10.5, fontweight="bold", color=FINGER_COLOURS[finger % 6])
+    say = f"{len(flat)} contacts, {int(slips.sum())} slip" if slips.any() else f"{len(flat)} contacts, all stick"
+    note = f"{say}\narrows: friction on the object, to {1e3 * longest:.2g} mN"
+    figure.text(CLOSE[0] / WIDTH, 142 / HEIGHT, note, fontsize=8.5, color=MUTED, va="top", linespacing=1.5)
+
+    bar_axes = _place(figure, (CLOSE[0], 218, CLOSE[2], 15))
+    bar = figure.colorbar(ScalarMappable(Normalize(0.0, 1e-3 * shot.peak), "viridis"), cax=bar_axes, orientation="horizontal")
+    bar.set_label("pressure (kPa)", fontsize=9, color=INK, labelpad=2)
+    bar.ax.tick_params(labelsize=8.5, colors=MUTED, length=3)
+    bar.outline.set_visible(False)
+
+
+def _speed(metres_per_second: float) -> str:
+    """A speed next to nothing, in a unit that reads well."""
+    for factor, unit in ((1e3, "mm/s"), (1e6, "µm/s"), (1e9, "nm/s")):
+        if metres_per_second * factor >= 1.0 or unit == "nm/s":
+            return f"{metres_per_second * factor:.2g} {unit}"
+    raise AssertionError
+
+
+def scene(shot: Shot) -> Figure:
+    """The picture of a grasp, 1200 x 800 px."""
+    figure = Figure(figsize=(WIDTH / DPI, HEIGHT / DPI), dpi=DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    _draw_scene(_place(figure, SCENE), shot)
+    a = shot.attributes
+    mass, thing = float(a["object_mass_kg"]), str(a["object"])
+    figure.text(
+        22 / WIDTH, 1 - 20 / HEIGHT, f"{_title(thing)}, held by friction alone", fontsize=13, fontweight="bold", color=INK, va="top"
+    )
+    words = f"{1e3 * mass:.3g} g" if mass < 1.0 else f"{mass:.3g} kg"
+    words += f", squeezed with {float(a['squeeze_n']):.3g} N, friction {float(a['friction']):.2g}; moves {_speed(shot.drift)} in the hand"
+    figure.text(22 / WIDTH, 1 - 54 / HEIGHT, words, fontsize=9.5, color=MUTED, va="top")
+    pressing = [float(shot.contacts["reaction"][shot.patch(f), 0].sum()) for f in range(len(shot.fingers))]
+    if max(pressing) > 0.0:
+        _draw_patch(figure, shot, int(np.argmax(pressing)))
+    return figure
+
+
+def _title(thing: str) -> str:
+    name = Path(thing).stem.replace("-", " ").replace("_", " ")
+    return name[:1].upper() + name[1:]
+
+
+def save_scene(recording: Recording, out: Path) -> list[Path]:
+    """Write ``scene.png`` to the directory ``out`` and return its path; nothing if the run ended before the hold did."""
+    shot = read_shot(recording)
+    if shot is None:
+        return []
+    out.mkdir(parents=True, exist_ok=True)
+    scene(shot).savefig(out / "scene.png", pil_kwargs={"optimize": True})
+    return [out / "scene.png"]
+
+
+__all__ = ["Shot", "read_shot", "save_scene", "scene"]
