@@ -113,7 +113,7 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodi
             for contact in patch {
                 out.delta_free.push(free_gap::delta_free(contact, pair, bodies, free, dt));
                 out.mu.push(mu);
-                out.reactions.push(pair.reaction[contact.control_point as usize]);
+                out.reactions.push(warm_start(pair, contact.control_point as usize));
                 out.rigid.push(RigidRows {
                     a: rigid_rows(contact, pair.a, entry_a, &free[pair.a as usize], 1.0),
                     b: rigid_rows(contact, pair.b, entry_b, &free[pair.b as usize], -1.0),
@@ -135,6 +135,12 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodi
         }
         first = end;
     }
+}
+
+/// The reaction that a control point would have if it changed as it did in the last step.
+fn warm_start(pair: &Pair, control_point: usize) -> Vec3 {
+    let (last, trend) = (pair.reaction[control_point], pair.trend[control_point]);
+    if last.x + trend.x > 0.0 { last + trend } else { last }
 }
 
 /// `J S` of one body at one contact, in the contact frame: its part of `W_rigid` is `(J S)(J S)^T` as `A^-1 = S S^T`. The sign makes relative displacement a - b.
