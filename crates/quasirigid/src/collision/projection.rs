@@ -247,7 +247,7 @@ impl<'a> View<'a> {
         if q.normal.dot(&(q.point - x)) > surface.spacing && is_outside(coupled, self.skin_b, x) {
             return nothing(-1.0);
         }
-        let weights = surface.control_weights(&q.point, &q.normal, leaf_b);
+        let weights = if pair.rigid_b { Weights::none() } else { surface.control_weights(&q.point, &q.normal, leaf_b) };
         let surface = Seen::Foot { foot: q.point, normal: q.normal, weights };
         Remembered { x: *x, holds_for: params.projection_slack, surface }
     }
