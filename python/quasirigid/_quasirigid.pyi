@@ -437,6 +437,11 @@ class StepReport:
     def stage_times(self) -> dict[str, float]:
         """Seconds per stage, keyed by ``STAGES``."""
     @property
+    def part_times(self) -> dict[str, float]:
+        """Seconds of parts of stages: ``traverse`` and ``interpenetration`` of collision, ``w_rigid`` and ``w_deform`` of
+        the contact problem, ``hierarchy_update`` of the constrained motion.
+        """
+    @property
     def step_time(self) -> float:
         """Seconds for the whole step."""
     @property

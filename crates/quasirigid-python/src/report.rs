@@ -4,7 +4,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use quasirigid::gauss_seidel::Stop;
 use quasirigid::math::Real;
-use quasirigid::report::STAGES;
+use quasirigid::report::{PARTS, STAGES};
 
 /// What a step did, and how well.
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
@@ -54,6 +54,15 @@ impl StepReport {
     fn stage_times<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let times = PyDict::new(py);
         for (name, time) in STAGES.iter().zip(self.engine.times.stages()) {
+            times.set_item(name, time.as_secs_f64())?;
+        }
+        Ok(times)
+    }
+
+    #[getter]
+    fn part_times<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let times = PyDict::new(py);
+        for (name, time) in PARTS.iter().zip(self.engine.times.parts()) {
             times.set_item(name, time.as_secs_f64())?;
         }
         Ok(times)

@@ -35,6 +35,10 @@ pub struct Parameters {
     /// Surface points follow their control points, and spheres are refitted, when an elastic displacement has changed by more than this, m. Default 1e-7.
     /// The control points keep the exact value.
     pub deformation_threshold: Real,
+    /// Where two surfaces meet and the one with the coarser control points is more than this many times stiffer, it counts as rigid: what it would yield is a
+    /// thousandth of what the other does, and following it costs as much again. Default 1000, as wood is to a fingertip; infinity never does so. Holds for pairs that
+    /// meet after it was set.
+    pub rigid_beyond: Real,
     /// Threads. Default 1. The result is the same bits for any number.
     pub threads: usize,
     /// When the solver stops.
@@ -53,6 +57,7 @@ impl Default for Parameters {
             projection_slack: 1e-6,
             refit_level: 6,
             deformation_threshold: 1e-7,
+            rigid_beyond: 1e3,
             threads: 1,
             solver: SolverParameters::default(),
         }
@@ -70,6 +75,9 @@ impl Parameters {
         check_non_negative("projection_slack", self.projection_slack, "m")?;
         check_positive("projection_tolerance", self.projection_tolerance, "m")?;
         check_non_negative("deformation_threshold", self.deformation_threshold, "m")?;
+        if self.rigid_beyond.is_nan() || self.rigid_beyond < 1.0 {
+            return Err(Error::value("rigid_beyond", "a ratio of at least 1, or infinity", self.rigid_beyond, "1000 is the default"));
+        }
         check_positive("tolerance", self.solver.tolerance, "-")?;
         if self.threads == 0 || self.threads > 1024 {
             return Err(Error::value("threads", "between 1 and 1024", self.threads, "give the number of cores to use"));

@@ -7,6 +7,10 @@ use std::time::Duration;
 /// The five stages, in order: the names of modules, timers and headings.
 pub const STAGES: [&str; 5] = ["free_motion", "collision", "contact_problem", "gauss_seidel", "constrained_motion"];
 
+/// Parts of stages that are timed on their own, those of the paper's two tables: of collision, of collision, of the contact problem, of the contact
+/// problem, of the constrained motion.
+pub const PARTS: [&str; 5] = ["traverse", "interpenetration", "w_rigid", "w_deform", "hierarchy_update"];
+
 /// Time of every stage of one step, and of its parts that the benchmark lists.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct StageTimes {
@@ -24,9 +28,9 @@ pub struct StageTimes {
     pub traverse: Duration,
     /// Of stage 2: control points projected.
     pub interpenetration: Duration,
-    /// Of stage 3: gaps, warm start, index of the patch.
+    /// Of stage 3: the rigid part of W, and gaps and slips of the free motion.
     pub w_rigid: Duration,
-    /// Of stage 3: rows of both parts of W.
+    /// Of stage 3: the elastic part of W, and the diagonal blocks of both.
     pub w_deform: Duration,
     /// Of stage 5: points deformed and spheres refitted.
     pub hierarchy_update: Duration,
@@ -36,6 +40,11 @@ impl StageTimes {
     /// The five stages, in the order of [`STAGES`].
     pub fn stages(&self) -> [Duration; 5] {
         [self.free_motion, self.collision, self.contact_problem, self.gauss_seidel, self.constrained_motion]
+    }
+
+    /// The parts, in the order of [`PARTS`].
+    pub fn parts(&self) -> [Duration; 5] {
+        [self.traverse, self.interpenetration, self.w_rigid, self.w_deform, self.hierarchy_update]
     }
 
     /// The whole step.

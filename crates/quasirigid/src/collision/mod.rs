@@ -39,7 +39,7 @@ pub struct Contact {
     pub gap: Real,
     /// Area that the contact stands for, m^2: the control point's, or its node's when the traversal stopped early.
     pub area: Real,
-    /// Control points of `b` that the projection is interpolated from.
+    /// Control points of `b` that the projection is interpolated from; none if `b` counts as rigid.
     pub weights_b: Weights,
     /// Whether it was projected anew in this step; otherwise foot, normal and weights are those remembered.
     pub projected: bool,
@@ -67,7 +67,7 @@ pub fn collision(out: &mut Collision, bodies: &[BodyEntry], free: &[FreeMotion],
     let start = Instant::now();
     broad_phase::reach_of_bodies(bodies, free, &mut out.reach);
     broad_phase::near_bodies(bodies, &out.reach, params, &mut out.near);
-    pair::match_pairs(pairs, &out.near, bodies);
+    pair::match_pairs(pairs, &out.near, bodies, params);
     out.traversal.clear();
     for pair in pairs.iter_mut().filter(|pair| pair.near) {
         traversal::traverse(&mut out.traversal, pair, bodies, &out.reach, params);

@@ -1,9 +1,10 @@
 //! What two bodies remember of their contact from step to step: reactions for the warm start, elastic displacement.
 
 use super::{Coupling, Remembered};
-use crate::body::BodyEntry;
+use crate::body::{BodyEntry, Skin};
 use crate::contact_problem::ElasticRows;
 use crate::math::Vec3;
+use crate::params::Parameters;
 
 /// Elastic displacement of one side of a pair, at the control points of its surface.
 #[derive(Debug, Clone, Default)]
@@ -28,12 +29,16 @@ pub struct Pair {
     pub near: bool,
     /// Last reaction of each control point of `a`, contact frame, N; zero where there was none.
     pub reaction: Vec<Vec3>,
+    /// By how much it changed in the last step, where it was loaded before and after.
+    pub trend: Vec<Vec3>,
     /// Control points with a reaction of the last step.
     pub loaded: Vec<u32>,
     /// Elastic displacement of `a` under this pair's reactions.
     pub side_a: PatchSide,
     /// Elastic displacement of `b` under this pair's reactions.
     pub side_b: PatchSide,
+    /// Whether `b` is so much stiffer than `a` that it counts as rigid here, see [`Parameters::rigid_beyond`].
+    pub rigid_b: bool,
     /// Coupled nodes, found anew when the two have moved enough.
     pub coupling: Coupling,
     /// Last projection of each control point of `a`.
@@ -68,7 +73,7 @@ impl Pair {
 }
 
 /// Marks the pairs that are near and adds those that are new, keeping the list sorted by body indices.
-pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[BodyEntry]) {
+pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[BodyEntry], params: &Parameters) {
     pairs.iter_mut().for_each(|pair| pair.near = false);
     for &(i, j) in near {
         let (Some(skin_i), Some(skin_j)) = (bodies[i as usize].active_skin(), bodies[j as usize].active_skin()) else { continue };
@@ -78,19 +83,21 @@ pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[
         match pairs.binary_search_by_key(&(a, b), |pair| (pair.a, pair.b)) {
             Ok(found) => pairs[found].near = true,
             Err(place) => {
-                let (count_a, count_b) = if finer_first {
-                    (skin_i.surface.control.len(), skin_j.surface.control.len())
-                } else {
-                    (skin_j.surface.control.len(), skin_i.surface.control.len())
-                };
+                let (skin_a, skin_b) = if finer_first { (skin_i, skin_j) } else { (skin_j, skin_i) };
+                let (count_a, count_b) = (skin_a.surface.control.len(), skin_b.surface.control.len());
+                // Under a uniform pressure over what one control point of `a` stands for.
+                let patch = skin_a.surface.control.spacing.powi(2);
+                let gives = |skin: &Skin| skin.compliance.give(&skin.surface.control, patch);
                 let pair = Pair {
                     a,
                     b,
                     near: true,
                     reaction: vec![Vec3::zeros(); count_a],
+                    trend: vec![Vec3::zeros(); count_a],
                     loaded: Vec::with_capacity(count_a.min(512)),
                     side_a: PatchSide::new(count_a),
                     side_b: PatchSide::new(count_b),
+                    rigid_b: gives(skin_a) > params.rigid_beyond * gives(skin_b),
                     coupling: Coupling::default(),
                     remembered: vec![Remembered::default(); count_a],
                     elastic: ElasticRows::default(),

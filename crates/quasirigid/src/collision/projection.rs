@@ -8,7 +8,6 @@ use crate::params::Parameters;
 use crate::surface::Weights;
 use crate::surface::kernel::Kernel;
 use crate::surface::moving_least_squares::{FACES, project};
-use nalgebra::Point3;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -18,11 +17,8 @@ const BORDER_GAPS: Real = 1.5;
 /// Most steps of a projection; two or three are usual.
 const MOST_PROJECTIONS: u32 = 10;
 
-/// Control points of one chunk of parallel work.
-const CHUNK: usize = 32;
-
-/// One control point with a coupled leaf: its pair, and the range of its coupled nodes there.
-type Group = (u32, Range<u32>);
+/// Projections of one chunk of parallel work.
+const CHUNK: usize = 8;
 
 /// What a control point remembers of its last projection (temporal coherence, which the paper proposes in section 4). All in the frame of `b`.
 #[derive(Debug, Clone)]
@@ -54,18 +50,25 @@ impl Default for Remembered {
 
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
-    groups: Vec<Group>,
-    found: Vec<Found>,
+    /// Control points that have to be looked at anew.
+    due: Vec<Due>,
+    learnt: Vec<Remembered>,
 }
 
-/// Outcome of one control point: its contact, and what it learnt if it had to look.
-#[derive(Debug, Clone, Default)]
-struct Found {
-    contact: Option<Contact>,
-    learnt: Option<Remembered>,
+/// A control point that what it remembers no longer holds for.
+#[derive(Debug, Clone)]
+struct Due {
+    pair: u32,
+    /// Its coupled nodes in the pair's list.
+    coupled: Range<u32>,
+    /// Where it is, in the frame of `b`.
+    x: Vec3,
+    /// How far the free motion takes it against `b`, m.
+    approach: Real,
 }
 
-/// Every control point with a coupled leaf is projected once, from the leaf that holds the nearest point that faces it.
+/// Every control point with a coupled leaf becomes a contact if it is near enough. Where what it remembers no longer holds it is projected first, once, from
+/// the leaf that holds the nearest point that faces it.
 pub(super) fn project_control_points(
     scratch: &mut Scratch,
     pairs: &mut [Pair],
@@ -74,131 +77,143 @@ pub(super) fn project_control_points(
     params: &Parameters,
     contacts: &mut Vec<Contact>,
 ) {
-    scratch.groups.clear();
+    scratch.due.clear();
     for (index, pair) in pairs.iter().enumerate().filter(|(_, pair)| pair.near) {
-        let coupled = &pair.coupling.coupled;
-        let mut first = 0;
-        for end in 1..=coupled.len() {
-            if end == coupled.len() || coupled[end].control_point != coupled[first].control_point {
-                scratch.groups.push((index as u32, first as u32..end as u32));
-                first = end;
+        let Some(view) = View::of(pair, bodies, free, params) else { continue };
+        for coupled in groups(&pair.coupling.coupled) {
+            let (x, approach) = view.locate(pair, pair.coupling.coupled[coupled.start].control_point as usize);
+            let known = &pair.remembered[pair.coupling.coupled[coupled.start].control_point as usize];
+            let approach = approach.norm();
+            if (x - known.x).norm() + if matches!(known.surface, Seen::Nothing) { approach } else { 0.0 } > known.holds_for {
+                scratch.due.push(Due { pair: index as u32, coupled: coupled.start as u32..coupled.end as u32, x, approach });
             }
         }
     }
-    scratch.found.clear();
-    scratch.found.resize(scratch.groups.len(), Found::default());
+    scratch.learnt.clear();
+    scratch.learnt.resize(scratch.due.len(), Remembered::default());
     let known: &[Pair] = pairs;
-    let work = |(groups, found): (&[Group], &mut [Found])| {
-        let mut view: Option<View> = None;
-        for ((index, group), slot) in groups.iter().zip(found) {
-            if view.as_ref().is_none_or(|view| view.index != *index) {
-                view = View::of(*index, known, bodies, free, params);
+    let work = |(due, learnt): (&[Due], &mut [Remembered])| {
+        let mut view: Option<(u32, View)> = None;
+        for (due, learnt) in due.iter().zip(learnt) {
+            let pair = &known[due.pair as usize];
+            if view.as_ref().is_none_or(|(index, _)| *index != due.pair) {
+                view = View::of(pair, bodies, free, params).map(|view| (due.pair, view));
             }
-            if let Some(view) = &view {
-                *slot = view.look(&view.pair.coupling.coupled[group.start as usize..group.end as usize]);
+            if let Some((_, view)) = &view {
+                *learnt = view.project(pair, due);
             }
         }
     };
-    if params.threads > 1 {
-        scratch.groups.par_chunks(CHUNK).zip(scratch.found.par_chunks_mut(CHUNK)).for_each(work);
+    if params.threads > 1 && scratch.due.len() > CHUNK {
+        scratch.due.par_chunks(CHUNK).zip(scratch.learnt.par_chunks_mut(CHUNK)).for_each(work);
     } else {
-        work((&scratch.groups, &mut scratch.found));
+        work((&scratch.due, &mut scratch.learnt));
     }
     contacts.clear();
-    for ((index, group), found) in scratch.groups.iter().zip(&mut scratch.found) {
-        let pair = &mut pairs[*index as usize];
-        if let Some(learnt) = found.learnt.take() {
-            let control_point = pair.coupling.coupled[group.start as usize].control_point;
-            pair.remembered[control_point as usize] = learnt;
+    let mut learnt = scratch.due.iter().zip(scratch.learnt.drain(..)).peekable();
+    for (index, pair) in pairs.iter_mut().enumerate().filter(|(_, pair)| pair.near) {
+        let Some(view) = View::of(pair, bodies, free, params) else { continue };
+        for coupled in groups(&pair.coupling.coupled) {
+            let (start, control_point) = (coupled.start as u32, pair.coupling.coupled[coupled.start].control_point as usize);
+            let new = learnt.next_if(|(due, _)| due.pair == index as u32 && due.coupled.start == start);
+            let projected = new.is_some();
+            if let Some((_, new)) = new {
+                pair.remembered[control_point] = new;
+            }
+            contacts.extend(view.contact(pair, index as u32, &pair.coupling.coupled[coupled], projected));
         }
-        contacts.extend(found.contact.take());
     }
 }
 
-/// One pair, with what all its control points need.
+/// Ranges of a list of coupled nodes that belong to one control point each.
+fn groups(coupled: &[Coupled]) -> impl Iterator<Item = Range<usize>> {
+    let mut end = 0;
+    coupled.chunk_by(|c, d| c.control_point == d.control_point).map(move |group| {
+        end += group.len();
+        end - group.len()..end
+    })
+}
+
+/// What all control points of one pair need.
 struct View<'a> {
-    index: u32,
-    pair: &'a Pair,
-    a: &'a BodyEntry,
-    b: &'a BodyEntry,
     skin_a: &'a Skin,
     skin_b: &'a Skin,
-    free_a: &'a FreeMotion,
-    free_b: &'a FreeMotion,
-    pose_a: Pose,
-    pose_b: Pose,
+    turn_a: Mat3,
+    turn_b: Mat3,
+    shift_b: Vec3,
     turn_ba: Mat3,
     shift_ba: Vec3,
+    /// Displacement of `a` against `b` by free and prescribed motion at the point `x`, all in the frame of `b`: `drift + shear x`. Bodies are rigid, so it is affine.
+    drift: Vec3,
+    shear: Mat3,
     params: &'a Parameters,
 }
 
 impl<'a> View<'a> {
-    fn of(index: u32, pairs: &'a [Pair], bodies: &'a [BodyEntry], free: &'a [FreeMotion], params: &'a Parameters) -> Option<Self> {
-        let pair = &pairs[index as usize];
+    fn of(pair: &Pair, bodies: &'a [BodyEntry], free: &[FreeMotion], params: &'a Parameters) -> Option<Self> {
         let (a, b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
         let (pose_a, pose_b) = (a.body.link_pose(a.skin_link), b.body.link_pose(b.skin_link));
         let pose_ba: Pose = pose_b.inverse() * pose_a;
+        let matrix = |pose: &Pose| pose.rotation.to_rotation_matrix().into_inner();
+        let (turn_b, shift_b) = (matrix(&pose_b), pose_b.translation.vector);
+        let (free_a, free_b) = (&free[pair.a as usize], &free[pair.b as usize]);
+        let approach = |point: &Vec3| turn_b.tr_mul(&(a.free_displacement(free_a, point) - b.free_displacement(free_b, point)));
+        let drift = approach(&shift_b);
+        let axis = |k: usize| approach(&(shift_b + turn_b.column(k))) - drift;
         Some(Self {
-            index,
-            pair,
-            a,
-            b,
             skin_a: a.active_skin()?,
             skin_b: b.active_skin()?,
-            free_a: &free[pair.a as usize],
-            free_b: &free[pair.b as usize],
-            pose_a,
-            pose_b,
-            turn_ba: pose_ba.rotation.to_rotation_matrix().into_inner(),
+            turn_a: matrix(&pose_a),
+            turn_b,
+            shift_b,
+            turn_ba: matrix(&pose_ba),
             shift_ba: pose_ba.translation.vector,
+            drift,
+            shear: Mat3::from_columns(&[axis(0), axis(1), axis(2)]),
             params,
         })
     }
 
-    /// Looks where the control point of a group is now.
-    fn look(&self, coupled: &[Coupled]) -> Found {
-        let control_point = coupled[0].control_point as usize;
-        let control = &self.skin_a.surface.control;
-        // The control point where the last step left it, in the frame of b.
-        let x = self.turn_ba * (control.points[control_point] + self.pair.side_a.displacement[control_point]) + self.shift_ba;
-        let point = (self.pose_b * Point3::from(x)).coords;
-        let approach = self.a.free_displacement(self.free_a, &point) - self.b.free_displacement(self.free_b, &point);
+    /// A control point where the last step left it, and how far the free motion takes it against `b`, both in the frame of `b`.
+    #[inline]
+    fn locate(&self, pair: &Pair, control_point: usize) -> (Vec3, Vec3) {
+        let local = self.skin_a.surface.control.points[control_point] + pair.side_a.displacement[control_point];
+        let x = self.turn_ba * local + self.shift_ba;
+        (x, self.drift + self.shear * x)
+    }
 
-        let known = &self.pair.remembered[control_point];
-        let moved = (x - known.x).norm();
-        let mut learnt = None;
-        if moved + if matches!(known.surface, Seen::Nothing) { approach.norm() } else { 0.0 } > known.holds_for {
-            learnt = Some(self.project(&x, control_point, &approach, coupled));
-        }
-        let Seen::Foot { foot, normal, weights } = &learnt.as_ref().unwrap_or(known).surface else {
-            return Found { contact: None, learnt };
-        };
-        let u_b: Vec3 = weights.iter().map(|(c, w)| self.pair.side_b.displacement[c] * w).sum();
+    /// The contact of a control point, from what it remembers.
+    #[inline]
+    fn contact(&self, pair: &Pair, index: u32, coupled: &[Coupled], projected: bool) -> Option<Contact> {
+        let control_point = coupled[0].control_point as usize;
+        let Seen::Foot { foot, normal, weights } = &pair.remembered[control_point].surface else { return None };
+        let (x, approach) = self.locate(pair, control_point);
+        let u_b: Vec3 = weights.iter().map(|(c, w)| pair.side_b.displacement[c] * w).sum();
         let gap = normal.dot(&(x - foot - u_b));
-        let world_normal = self.pose_b * normal;
         // Enters if it touches now or would after the free motion: nothing fast slips through a step.
-        if gap + world_normal.dot(&approach).min(0.0) > self.params.contact_margin {
-            return Found { contact: None, learnt };
+        if gap + normal.dot(&approach).min(0.0) > self.params.contact_margin {
+            return None;
         }
-        let frame: Mat3 = contact_frame(&world_normal, &(self.pose_a * control.tangents[control_point]));
         let area = coupled.iter().map(|c| self.skin_a.surface.tree.nodes[c.node_a as usize].area).fold(0.0, Real::max);
-        let contact = Contact {
-            pair: self.index,
-            body_a: self.pair.a,
-            body_b: self.pair.b,
+        let frame: Mat3 = contact_frame(&(self.turn_b * normal), &(self.turn_a * self.skin_a.surface.control.tangents[control_point]));
+        Some(Contact {
+            pair: index,
+            body_a: pair.a,
+            body_b: pair.b,
             control_point: control_point as u32,
-            point,
+            point: self.turn_b * x + self.shift_b,
             frame,
             gap,
             area,
             weights_b: *weights,
-            projected: learnt.is_some(),
-        };
-        Found { contact: Some(contact), learnt }
+            projected,
+        })
     }
 
-    /// Projects `x` on `b`.
-    fn project(&self, x: &Vec3, control_point: usize, approach: &Vec3, coupled: &[Coupled]) -> Remembered {
+    /// Projects a control point on `b`.
+    fn project(&self, pair: &Pair, due: &Due) -> Remembered {
+        let (x, coupled) = (&due.x, &pair.coupling.coupled[due.coupled.start as usize..due.coupled.end as usize]);
+        let control_point = coupled[0].control_point as usize;
         let nothing = |holds_for: Real| Remembered { x: *x, holds_for, surface: Seen::Nothing };
         let (params, surface) = (self.params, &self.skin_b.surface);
         let normal_a = self.turn_ba * self.skin_a.surface.control.normals[control_point];
@@ -206,9 +221,9 @@ impl<'a> View<'a> {
         let leaf_b = surface.tree.nodes[node_b as usize].representative as usize;
         let border = Border::of(self.skin_b, node_b, x);
         // The plane of the nearest point is off by far less than a leaf gap: most control points can be told to be apart without a projection.
-        let plane_gap = surface.normals[nearest].dot(&(x - surface.points[nearest] - self.pair.side_b.displacement[leaf_b]));
+        let plane_gap = surface.normals[nearest].dot(&(x - surface.points[nearest] - pair.side_b.displacement[leaf_b]));
         let clear = plane_gap - params.contact_margin - border.gap;
-        if clear > approach.norm() {
+        if clear > due.approach {
             return nothing(clear.min(params.traversal_slack));
         }
         let found = project(
@@ -232,7 +247,7 @@ impl<'a> View<'a> {
         if q.normal.dot(&(q.point - x)) > surface.spacing && is_outside(coupled, self.skin_b, x) {
             return nothing(-1.0);
         }
-        let weights = surface.control_weights(&q.point, &q.normal, leaf_b);
+        let weights = if pair.rigid_b { Weights::none() } else { surface.control_weights(&q.point, &q.normal, leaf_b) };
         let surface = Seen::Foot { foot: q.point, normal: q.normal, weights };
         Remembered { x: *x, holds_for: params.projection_slack, surface }
     }

@@ -9,6 +9,9 @@ use crate::surface::Compliance;
 /// Displacements below this are set to zero, m: far below rounding of any position, so nothing is lost but work.
 const FORGOTTEN: Real = 1e-20;
 
+/// A patch whose reactions changed by less than this share in a step is taken to be at rest.
+const LEAST_TREND: Real = 1e-6;
+
 /// Scratch: forces on the control points of one side.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
@@ -34,13 +37,28 @@ pub(super) fn remember(
         if count == 0 && pair.is_idle() {
             continue;
         }
+        // Meanwhile the trend holds the last reactions.
         for c in pair.loaded.drain(..) {
-            pair.reaction[c as usize] = Vec3::zeros();
+            pair.trend[c as usize] = std::mem::take(&mut pair.reaction[c as usize]);
         }
+        let (mut force, mut change) = (0.0, 0.0);
         for (contact, f) in patch.iter().zip(forces) {
+            let c = contact.control_point as usize;
+            let before = std::mem::take(&mut pair.trend[c]);
             if *f != Vec3::zeros() {
-                pair.reaction[contact.control_point as usize] = *f;
+                pair.reaction[c] = *f;
                 pair.loaded.push(contact.control_point);
+                if before != Vec3::zeros() {
+                    pair.trend[c] = f - before;
+                    force += f.norm_squared();
+                    change += pair.trend[c].norm_squared();
+                }
+            }
+        }
+        // What is left at rest is the solver's last digits: to carry them on would only make work.
+        if change < LEAST_TREND * LEAST_TREND * force {
+            for &c in &pair.loaded {
+                pair.trend[c as usize] = Vec3::zeros();
             }
         }
         let (entry_a, entry_b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);

@@ -165,6 +165,7 @@ impl Scratch {
                 }
                 self.touched_b.clear();
             }
+            Compliance::HalfSpace(_) if self.used_b.is_empty() => {}
             Compliance::HalfSpace(_) => {
                 has_tensor = true;
                 self.half_space_row_b(&patch[i]);

@@ -33,9 +33,17 @@ pub struct ContactProblem {
     pub ill_posed: usize,
     /// Time to fill the rigid part and `delta_free`.
     pub rigid_time: Duration,
-    /// Time to fill the elastic part.
+    /// Time to fill the elastic part, and the diagonal blocks of both.
     pub deform_time: Duration,
+    rigid: Vec<RigidRows>,
     elastic: elastic::Scratch,
+}
+
+/// Rigid part of one contact: `J S` of either side with the slot of its body.
+#[derive(Debug, Clone, Copy)]
+struct RigidRows {
+    a: (u32, Mat3x6),
+    b: (u32, Mat3x6),
 }
 
 impl ContactProblem {
@@ -70,7 +78,10 @@ pub fn contact_problem(
     out.ill_posed = 0;
     loop {
         fill(out, contacts, pairs, bodies, free, dt);
-        match out.w.finish() {
+        let filled = Instant::now();
+        let finished = out.w.finish();
+        out.deform_time += filled.elapsed();
+        match finished {
             Ok(()) => return,
             Err(ill_posed) => {
                 contacts.remove(ill_posed);
@@ -104,10 +115,15 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodi
         let (entry_a, entry_b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
         if let (Some(skin_a), Some(skin_b)) = (entry_a.active_skin(), entry_b.active_skin()) {
             let mu = pair_friction(&skin_a.material, &skin_b.material);
+            out.rigid.clear();
             for contact in patch {
                 out.delta_free.push(free_gap::delta_free(contact, pair, bodies, free, dt));
                 out.mu.push(mu);
-                out.reactions.push(pair.reaction[contact.control_point as usize]);
+                out.reactions.push(warm_start(pair, contact.control_point as usize));
+                out.rigid.push(RigidRows {
+                    a: rigid_rows(contact, pair.a, entry_a, &free[pair.a as usize], 1.0),
+                    b: rigid_rows(contact, pair.b, entry_b, &free[pair.b as usize], -1.0),
+                });
             }
             let elastic_axes = entry_a.body.link_pose(entry_a.skin_link).rotation.to_rotation_matrix().into_inner().transpose();
             let prepared = Instant::now();
@@ -117,16 +133,20 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodi
                 pair.elastic.start(patch, &turn, dt);
                 out.elastic.fill_rows(&mut pair.elastic, patch, [skin_a, skin_b], &turn, dt);
             }
-            for (i, contact) in patch.iter().enumerate() {
-                let (slot_a, ja) = rigid_rows(contact, pair.a, entry_a, &free[pair.a as usize], 1.0);
-                let (slot_b, jb) = rigid_rows(contact, pair.b, entry_b, &free[pair.b as usize], -1.0);
-                out.w.push_contact(slot_a, &ja, slot_b, &jb, &(elastic_axes * contact.frame));
+            for (i, (contact, RigidRows { a, b })) in patch.iter().zip(&out.rigid).enumerate() {
+                out.w.push_contact(a.0, &a.1, b.0, &b.1, &(elastic_axes * contact.frame));
                 pair.elastic.push_row(&mut out.w, i, first);
             }
             out.deform_time += prepared.elapsed();
         }
         first = end;
     }
+}
+
+/// The reaction that a control point would have if it changed as it did in the last step.
+fn warm_start(pair: &Pair, control_point: usize) -> Vec3 {
+    let (last, trend) = (pair.reaction[control_point], pair.trend[control_point]);
+    if last.x + trend.x > 0.0 { last + trend } else { last }
 }
 
 /// `J S` of one body at one contact, in the contact frame: its part of `W_rigid` is `(J S)(J S)^T` as `A^-1 = S S^T`. The sign makes relative displacement a - b.

@@ -43,6 +43,20 @@ pub struct HalfSpaceCompliance {
     pub poisson_ratio: Real,
 }
 
+impl Compliance {
+    /// How far the surface gives under a uniform pressure of 1 Pa on a patch of `area` (m^2), m/Pa. A figure to compare surfaces by.
+    pub fn give(&self, control: &ControlPoints, area: Real) -> Real {
+        match self {
+            // A row sums to 1/k, whatever the patch.
+            Self::Local(local) => {
+                local.neighbours.range(0).map(|e| local.values[e] * control.areas[local.neighbours.index[e] as usize]).sum()
+            }
+            // Centre of a uniformly loaded disc.
+            Self::HalfSpace(half_space) => (1.0 - half_space.poisson_ratio) * (area / PI).sqrt() / half_space.shear_modulus,
+        }
+    }
+}
+
 impl LocalCompliance {
     /// Builds the table.
     ///

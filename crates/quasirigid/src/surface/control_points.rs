@@ -36,6 +36,11 @@ pub struct Weights {
 }
 
 impl Weights {
+    /// No control point at all: of a surface that does not yield.
+    pub fn none() -> Self {
+        Self { len: 0, index: [0; MAX_WEIGHTS], weight: [0.0; MAX_WEIGHTS] }
+    }
+
     /// All weight on one control point.
     pub fn single(control_point: u32) -> Self {
         let mut weights = Self { len: 1, index: [0; MAX_WEIGHTS], weight: [0.0; MAX_WEIGHTS] };

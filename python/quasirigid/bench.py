@@ -1,0 +1,275 @@
+"""How long a step takes: the paper's grasp in three phases, and how cost grows with contacts, points and threads.
+
+A phase is measured twice. *In motion* the hand is shaken, so that the solver has to look for the forces anew in every step. *At rest* nothing
+moves, and nearly all is remembered from the step before. The figures that lead are those in motion.
+
+Times are those of the step itself (``StepReport.step_time``); Python's share is not in them.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from quasirigid._quasirigid import STAGES, Grip, Hand, HandModel, MassProperties, Material, StepReport, Surface, World, __version__
+from quasirigid.errors import QuasirigidError
+
+PARTS = ("traverse", "interpenetration", "hierarchy_update", "w_rigid", "w_deform")
+BOX = (0.06, 0.06, 0.06)
+BOX_POINTS, PAD_POINTS = (36_000, 4_800), (2_400, 320)
+"""Points and control points, as in the paper."""
+BOX_MASS = 0.02
+"""kg. So light that the lightest squeeze carries it too: the number of contacts comes from the squeeze."""
+FRICTION = 0.8
+PAD_DEPTH, CLEARANCE, FINGER_SPACING = 0.085, 0.008, 0.024
+SHAKE, SHAKE_FREQUENCY = 1e-3, 3.0
+"""Amplitude (m) and frequency (Hz) of the hand in motion, along y, across the closing direction."""
+STEPS, QUICK_STEPS = 2_000, 300
+CLOSING_LIMIT = 5.0
+"""Seconds after which a hand that has not settled counts as a failure."""
+
+CONTACTS = (50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000)
+QUICK_CONTACTS = (50, 100, 1_000)
+POINTS = (10_000, 30_000, 100_000, 300_000, 1_000_000)
+QUICK_POINTS = (10_000, 100_000)
+THREADS = (1, 2)
+SPACING = 1e-3
+"""Distance of the control points of the conforming surfaces, m."""
+PRESSURE = 2e3
+"""With which they press on each other by their weight, Pa."""
+POINTS_PER_CONTROL_POINT = 7.5
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class PaperPhase:
+    """One column of figures 6 and 7 of the paper: ms on a 2 GHz Pentium 4."""
+
+    squeeze: float
+    """Force of the thumb that gives about as many contacts here, N."""
+    contacts: int
+    traverse: float
+    interpenetration: float
+    hierarchy_update: float
+    collision: float
+    w_rigid: float
+    w_deform: float
+    gauss_seidel: float
+    sweeps: int
+    resolution: float
+
+    @property
+    def total(self) -> float:
+        """Collision and contact resolution, ms."""
+        return self.collision + self.resolution
+
+
+PAPER = (
+    PaperPhase(0.3, 56, 1.170, 1.394, 2.468, 5.279, 8.838, 1.159, 0.409, 4, 14.150),
+    PaperPhase(1.65, 105, 1.904, 2.376, 2.717, 7.382, 16.560, 3.140, 2.061, 4, 28.374),
+    PaperPhase(5.2, 164, 2.973, 4.100, 2.549, 10.200, 25.030, 7.350, 5.410, 5, 43.060),
+)
+
+
+class Grasp:
+    """The paper's scene, closed on the box and without support."""
+
+    def __init__(self, squeeze: float, threads: int = 1) -> None:
+        """Close the hand. Raises ``QuasirigidError`` if it does not come to rest."""
+        pad = Material.preset("fingertip_pulp").replace(friction=FRICTION)
+        self.world = World(threads=threads)
+        surface = Surface.box(BOX, points=BOX_POINTS[0], control_points=BOX_POINTS[1])
+        mass = MassProperties.box(BOX, mass=BOX_MASS)
+        self.world.add_body(surface, Material.preset("wood").replace(friction=FRICTION), mass=mass, name="box")
+        low = np.array([0.0, 0.0, -BOX[2] / 2 - 0.005])
+        rubber = Material.preset("rubber")
+        support = self.world.add_body(Surface.box((0.03, 0.03, 0.01), points=2_000), rubber, motion="fixed", position=low, name="support")
+        self.hand: Hand = self.world.add_hand(
+            HandModel.three_finger(), position=(0.0, 0.0, PAD_DEPTH), material=pad, points=PAD_POINTS[0], control_points=PAD_POINTS[1]
+        )
+        sides = np.array([-1.0, 1.0, 1.0])
+        across = np.array([0.0, FINGER_SPACING / 2, -FINGER_SPACING / 2])
+        starts = np.column_stack([sides * (BOX[0] / 2 + CLEARANCE), across, np.full(3, -PAD_DEPTH)])
+        self.grip: Grip = self.hand.grip(starts, np.outer(-sides, [1.0, 0.0, 0.0]), squeeze=squeeze)
+        while self.grip.state != "holding":
+            if self.world.time > CLOSING_LIMIT:
+                raise QuasirigidError(
+                    what="benchmark", expected=f"a hand at rest within {CLOSING_LIMIT} s", got=self.grip.state, hint="report it, please"
+                )
+            self.step()
+        self.world.remove(support)
+        for _ in range(round(0.5 / self.world.dt)):
+            self.step()
+
+    def step(self) -> StepReport:
+        """One step at rest."""
+        self.grip.update()
+        return self.world.step()
+
+    def step_shaken(self) -> StepReport:
+        """One step with the base of the hand on its sine."""
+        now = self.world.time
+        sine = [SHAKE * math.sin(2.0 * math.pi * SHAKE_FREQUENCY * t) for t in (now, now + self.world.dt)]
+        self.hand.move_to(self.hand.position + np.array([0.0, sine[1] - sine[0], 0.0]))
+        return self.step()
+
+
+class Conforming:
+    """A flat plate on a flat support: as many contacts as control points, whatever their number.
+
+    Plate, weight and patch grow together, so that one contact is like another at every size. In motion the plate is pushed to and fro within its
+    friction by half of what it takes to slip.
+    """
+
+    def __init__(self, contacts: int, threads: int = 1) -> None:
+        """Lay the plate down."""
+        side = SPACING * math.sqrt(contacts)
+        self.world = World(threads=threads)
+        soft = Material.preset("fingertip_pulp").replace(friction=FRICTION)
+        hard = Material.preset("wood").replace(friction=FRICTION)
+        # The support is sampled a little coarser and reaches farther: the plate's control points are those that touch.
+        below = contacts * 1.1**2 / 1.2**2
+        floor = Surface.half_space(1.1 * side, points=round(POINTS_PER_CONTROL_POINT * below), control_points=round(below))
+        self.world.add_body(floor, hard, motion="fixed", name="support")
+        plate = Surface.half_space(side, points=round(POINTS_PER_CONTROL_POINT * contacts), control_points=contacts)
+        self.weight = PRESSURE * side * side
+        mass = MassProperties.box((side, side, 0.1 * side), mass=self.weight / 9.81)
+        # Its face looks down.
+        self.plate = self.world.add_body(plate, soft, mass=mass, quaternion=(0.0, 1.0, 0.0, 0.0), name="plate")
+        self.world.step(300)
+
+    def step(self) -> StepReport:
+        """One step at rest."""
+        return self.world.step()
+
+    def step_shaken(self) -> StepReport:
+        """One step with the push on its sine."""
+        push = 0.5 * FRICTION * self.weight * math.sin(2.0 * math.pi * 10.0 * SHAKE_FREQUENCY * self.world.time)
+        self.plate.apply_wrench((push, 0.0, 0.0))
+        return self.world.step()
+
+
+def _figures(reports: list[StepReport]) -> dict[str, Any]:
+    """Medians in ms over the reports of consecutive steps, with the keys of the output."""
+
+    def median(values: Iterable[float]) -> float:
+        return 1e3 * float(np.median(list(values)))
+
+    totals = [1e3 * report.step_time for report in reports]
+    parts = [report.part_times for report in reports]
+    stages = [report.stage_times for report in reports]
+    return {
+        "contacts": int(np.median([report.contacts for report in reports])),
+        **{f"{part}_ms": median(p[part] for p in parts) for part in PARTS},
+        "gauss_seidel_ms": median(s["gauss_seidel"] for s in stages),
+        "sweeps": int(np.median([report.sweeps for report in reports])),
+        "sweeps_max": max(report.sweeps for report in reports),
+        "total_ms": float(np.median(totals)),
+        "total_p99_ms": float(np.quantile(totals, 0.99)),
+        "total_max_ms": max(totals),
+        "residual": max(report.residual for report in reports),
+        "unconverged_steps": sum(not report.converged for report in reports),
+        "steps": len(reports),
+        "stages_ms": {stage: median(s[stage] for s in stages) for stage in STAGES},
+    }
+
+
+def measure_phase(paper: PaperPhase, steps: int) -> dict[str, Any]:
+    """One phase of the grasp: figures in motion, those at rest under ``at_rest``, the paper's under ``paper``."""
+    grasp = Grasp(paper.squeeze)
+    at_rest = _figures([grasp.step() for _ in range(steps)])
+    in_motion = _figures([grasp.step_shaken() for _ in range(steps)])
+    published = {
+        "contacts": paper.contacts,
+        **{f"{part}_ms": getattr(paper, part) for part in (*PARTS, "collision", "resolution", "gauss_seidel", "total")},
+        "sweeps": paper.sweeps,
+    }
+    ratio = paper.total / in_motion["total_ms"]
+    return {"squeeze_n": paper.squeeze, **in_motion, "ratio_to_paper": ratio, "at_rest": at_rest, "paper": published}
+
+
+def measure_contacts(contacts: int, threads: int, steps: int) -> dict[str, Any]:
+    """Cost of a step with about so many contacts between two conforming surfaces."""
+    scene = Conforming(contacts, threads)
+    at_rest = _figures([scene.step() for _ in range(steps)])
+    for _ in range(20):
+        scene.step_shaken()
+    in_motion = _figures([scene.step_shaken() for _ in range(steps)])
+
+    def row(figures: dict[str, Any]) -> dict[str, Any]:
+        wanted = ("contacts", "sweeps", "total_ms", "total_p99_ms", "residual", "unconverged_steps", "stages_ms")
+        return {key: figures[key] for key in wanted} | {"us_per_contact": 1e3 * figures["total_ms"] / max(figures["contacts"], 1)}
+
+    return {"threads": threads, **row(in_motion), "at_rest": row(at_rest)}
+
+
+def measure_points(points: int) -> dict[str, Any]:
+    """Seconds to make a surface ready for contact from an array of ``points`` with normals: what loading a point cloud comes to."""
+    sphere = Surface.sphere(0.05, points=points, control_points=max(points // 100, 1))
+    cloud, normals = sphere.points, sphere.normals
+    start = time.perf_counter()
+    surface = Surface.from_points(cloud, normals)
+    with_normals = time.perf_counter() - start
+    start = time.perf_counter()
+    Surface.from_points(cloud)
+    return {
+        "points": points,
+        "control_points": len(surface.control_points),
+        "build_s": with_normals,
+        "build_from_bare_points_s": time.perf_counter() - start,
+    }
+
+
+def run_bench(*, quick: bool = False, progress: Progress | None = None) -> dict[str, Any]:
+    """Measure everything. ``quick``: fewer steps and sizes, for a look; ``progress`` is told what is measured and the share that is done."""
+    steps = QUICK_STEPS if quick else STEPS
+    contacts = QUICK_CONTACTS if quick else CONTACTS
+    points = QUICK_POINTS if quick else POINTS
+    # Rough shares of the whole time.
+    jobs: list[tuple[str, float, Callable[[], Any]]] = [
+        *((f"grasp, {p.contacts} contacts", 6.0, lambda p=p: measure_phase(p, steps)) for p in PAPER),  # type: ignore[misc]
+        *(
+            (f"{n:,} contacts, {t} thread{'s' if t > 1 else ''}", 1.0 + n / 1_000, lambda n=n, t=t: measure_contacts(n, t, _steps_for(n, steps)))  # type: ignore[misc]
+            for n in contacts
+            for t in THREADS
+        ),
+        *((f"{n:,} points", n / 2e5, lambda n=n: measure_points(n)) for n in points),  # type: ignore[misc]
+    ]
+    whole = sum(job[1] for job in jobs)
+    done, results = 0.0, []
+    for name, share, job in jobs:
+        if progress is not None:
+            progress(name, done / whole)
+        results.append(job())
+        done += share
+    phases, rest = results[: len(PAPER)], results[len(PAPER) :]
+    return {
+        "phases": phases,
+        "scaling": {"contacts": rest[: len(contacts) * len(THREADS)], "points": rest[len(contacts) * len(THREADS) :]},
+        "machine": _machine(),
+        "quasirigid": __version__,
+        "quick": quick,
+    }
+
+
+def _steps_for(contacts: int, steps: int) -> int:
+    """Fewer steps of the large ones: their medians are steady, and minutes are long."""
+    return max(20, min(steps // 4, 300_000 // contacts))
+
+
+def _machine() -> dict[str, Any]:
+    processor = platform.processor() or platform.machine()
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as info:
+            processor = next((line.split(":", 1)[1].strip() for line in info if line.startswith("model name")), processor)
+    except OSError:
+        pass
+    return {"processor": processor, "cores": os.cpu_count(), "system": platform.system(), "load": os.getloadavg()[0]}
