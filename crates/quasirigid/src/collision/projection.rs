@@ -173,7 +173,7 @@ impl<'a> View<'a> {
         let Seen::Foot { foot, normal, weights } = &learnt.as_ref().unwrap_or(known).surface else {
             return Found { contact: None, learnt };
         };
-        let u_b: Vec3 = weights.iter().map(|(c, w)| self.pair.side_b.displacement[c] * w).sum();
+        let u_b = self.pair.displacement_of_b(control_point, weights);
         let gap = normal.dot(&(x - foot - u_b));
         let world_normal = self.pose_b * normal;
         // Enters if it touches now or would after the free motion: nothing fast slips through a step.
@@ -191,6 +191,7 @@ impl<'a> View<'a> {
             frame,
             gap,
             area,
+            foot: *foot,
             weights_b: *weights,
             projected: learnt.is_some(),
         };
