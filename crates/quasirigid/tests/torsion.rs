@@ -1,0 +1,136 @@
+//! Soft-finger torsion: a patch resists twist, with (3 pi/16) mu P a in full slip, within 5 %. Without friction, or in a point, it does not.
+
+#[path = "common/closed_forms.rs"]
+mod closed_forms;
+
+use closed_forms::{DEPTH, Elastic, Hertz, RADIUS, RIGID, half_space, indentation};
+use quasirigid::Parameters;
+use quasirigid::math::{Real, Vec3};
+use quasirigid::scenes::{Indentation, Pinch, PinchOptions};
+use std::f64::consts::PI;
+
+const MU: Real = 0.5;
+
+const PAIRS: [(&str, [Elastic; 2]); 3] = [
+    ("incompressible ball on rigid flat", [(1e6, 0.5), RIGID]),
+    ("rigid ball on incompressible flat", [RIGID, (1e6, 0.5)]),
+    ("alike", [(1e6, 0.3), (1e6, 0.3)]),
+];
+
+/// Moment, N m, of the pressed ball turned by `angle` about the normal.
+fn turn(scene: &mut Indentation, depth: Real, angle: Real) -> Real {
+    let report = scene.move_to(depth, [0.0; 2], angle).unwrap();
+    assert!(report.converged(), "{:?} after {} sweeps, residual {:e}", report.stop, report.sweeps, report.residual);
+    -scene.moment().unwrap()
+}
+
+#[test]
+fn moment_in_full_slip_is_that_of_the_patch() {
+    for (name, pair) in PAIRS {
+        let hertz = Hertz::new(DEPTH, pair);
+        let mut scene = indentation(pair, MU, 400, true);
+        turn(&mut scene, DEPTH, 0.0);
+        let full = 3.0 * PI / 16.0 * MU * hertz.p * hertz.a;
+        // All slips only at an infinite angle (Lubkin): the middle never does. Five times the angle without slip is near enough.
+        let moments: Vec<Real> = (1..=25).map(|k| turn(&mut scene, DEPTH, 0.2 * k as Real * full / hertz.k_r) / full).collect();
+        println!(
+            "{name}: moment over (3 pi/16) mu P a at 1, 2, 5 times its angle without slip: {:.3} {:.3} {:.4}",
+            moments[4], moments[9], moments[24]
+        );
+        assert!(moments.windows(2).all(|w| w[1] >= w[0]), "{name}: the moment falls");
+        assert!((moments[24] - 1.0).abs() < 0.05, "{name}: moment {} of the closed form", moments[24]);
+    }
+}
+
+#[test]
+fn without_slip_the_patch_is_a_spring_of_the_right_stiffness() {
+    for (name, pair) in PAIRS {
+        let hertz = Hertz::new(DEPTH, pair);
+        let mut scene = indentation(pair, 100.0, 800, true);
+        turn(&mut scene, DEPTH, 0.0);
+        let stiffness = turn(&mut scene, DEPTH, 1e-4) / 1e-4;
+        println!("{name}: torsional stiffness {:.4} of 16/3 G a^3", stiffness / hertz.k_r);
+        assert!((stiffness / hertz.k_r - 1.0).abs() < 0.05, "{name}: {stiffness} N m/rad, closed form {} N m/rad", hertz.k_r);
+    }
+}
+
+#[test]
+fn without_friction_there_is_no_moment() {
+    let mut scene = indentation(PAIRS[0].1, 0.0, 200, true);
+    turn(&mut scene, DEPTH, 0.0);
+    for k in 1..=5 {
+        let moment = turn(&mut scene, DEPTH, 0.05 * k as Real);
+        let scale = scene.force().unwrap().z * (RADIUS * DEPTH).sqrt();
+        assert!(moment.abs() < 1e-9 * scale, "frictionless moment {:e} of P a", moment / scale);
+    }
+}
+
+/// A block between two pads of radius 30 mm with half-space compliance.
+fn squeezed_block(mu: Real, control_points: usize, squeeze: Real) -> Pinch {
+    let pad = half_space((SOFT, 0.5), mu).with_relaxation_time(5e-3).unwrap();
+    let options = PinchOptions {
+        params: Parameters { dt: 4e-3, ..Parameters::default() },
+        box_material: half_space(RIGID, mu),
+        pad_material: pad,
+        pad: Vec3::repeat(PAD_RADIUS),
+        // The pads carry the contacts if their control points are the finer ones.
+        box_points: if control_points < 100 { (96, 12) } else { (12_000, 1_600) },
+        pad_points: (8 * control_points, control_points),
+        ..PinchOptions::fingertips(mu).unwrap()
+    };
+    let mut pinch = Pinch::new(&options).unwrap();
+    // Damps the swing of the block on the pads; it does not change what they resist with.
+    pinch.world.body_mut(pinch.object).unwrap().set_viscosity(0.0, 2e-3).unwrap();
+    pinch.squeeze(squeeze).unwrap();
+    pinch
+}
+
+const PAD_RADIUS: Real = 0.03;
+const SQUEEZE: Real = 2.0;
+const SOFT: Real = 1e5;
+
+/// What both patches resist with, by Hertz from the force: a^3 = 3 P R / (4 E*), and twice (3 pi/16) mu P a.
+fn moment_of_both(mu: Real) -> Real {
+    let a = (0.75 * SQUEEZE * PAD_RADIUS * (1.0 - 0.25) / SOFT).cbrt();
+    2.0 * 3.0 * PI / 16.0 * mu * SQUEEZE * a
+}
+
+/// Turns the block about the axis through both pads by `torque` (N m), brought up in 0.4 s; the rate (rad/s) at which it turns `settle` seconds later.
+fn twist(pinch: &mut Pinch, torque: Real, settle: Real) -> Real {
+    for k in 1..=100 {
+        let torque = Vec3::x() * torque * (0.01 * Real::from(k)).min(1.0);
+        pinch.world.body_mut(pinch.object).unwrap().set_external_wrench(Vec3::zeros(), torque).unwrap();
+        pinch.world.step();
+    }
+    pinch.run(settle);
+    pinch.world.body(pinch.object).unwrap().angular_velocity().x
+}
+
+#[test]
+fn two_opposed_pads_resist_twist_up_to_the_moment_of_their_patches() {
+    let mu = 0.5;
+    let held = twist(&mut squeezed_block(mu, 1_200, SQUEEZE), 0.95 * moment_of_both(mu), 5.0);
+    println!("0.95 of the moment: {held:.1e} rad/s");
+    assert!(held.abs() < 1e-8, "turns at {held:e} rad/s under 0.95 of the moment in closed form");
+    let gone = twist(&mut squeezed_block(mu, 1_200, SQUEEZE), 1.05 * moment_of_both(mu), 1.0);
+    println!("1.05 of the moment: {gone:.3} rad/s");
+    assert!(gone.abs() > 1e-2, "holds 1.05 of the moment in closed form");
+}
+
+#[test]
+fn two_opposed_pads_without_friction_do_not_resist() {
+    let speed = twist(&mut squeezed_block(0.0, 600, SQUEEZE), 0.01 * moment_of_both(1.0), 0.4);
+    println!("without friction: {speed:.4} rad/s");
+    assert!(speed.abs() > 1e-3, "resists without friction");
+}
+
+#[test]
+fn two_opposed_points_do_not_resist() {
+    // So few control points that one of each pad touches under a light squeeze: the block turns about the line through both.
+    let mut pinch = squeezed_block(0.5, 12, 0.1 * SQUEEZE);
+    let closed = pinch.world.contact_problem().reactions.iter().filter(|f| f.x > 0.0).count();
+    assert_eq!(closed, 2, "contacts");
+    let speed = twist(&mut pinch, 0.05 * moment_of_both(0.5), 0.4);
+    println!("held at two points: {speed:.4} rad/s");
+    assert!(speed.abs() > 1e-3, "two points resist twist");
+}
