@@ -12,12 +12,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import quasirigid as qr
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullFormatter
 from scipy.integrate import quad
 from scipy.special import ellipe, ellipk
+
+import quasirigid as qr
 
 RADIUS = 0.05  # of the ball, m
 DEPTH = 2e-4  # m: contact radius 3.16 mm
@@ -141,7 +143,8 @@ def hertz_figure() -> Figure:
         hertz = Hertz(pair)
         r = np.hypot(*contacts.points[:, :2].T) / hertz.a
         pressure = contacts.pressures / hertz.p0
-        right.plot(r, pressure, pair.marker, color=pair.colour, markersize=3, markerfacecolor="none", markeredgewidth=0.7)
+        look = {"color": pair.colour, "markersize": 3.5, "markerfacecolor": "none", "markeredgewidth": 0.8}
+        right.plot(r[k::3], pressure[k::3], pair.marker, **look)
         inner = r < 0.9
         off = np.abs(pressure - np.sqrt(np.maximum(1 - r**2, 0)))
         _tell(f"Hertz, {pair.name}: pressure within 0.9 a off by at most", 100 * off[inner].max(), "% of p0")
@@ -173,6 +176,10 @@ def convergence_figure() -> Figure:
     axes.axhline(2, color=INK, linewidth=1.0, linestyle=(0, (4, 2)))
     axes.text(axes.get_xlim()[1], 2.15, "bound ", ha="right", va="bottom", fontsize=8, color=INK)
     _dress(axes, "contacts that carry load", "force off by (%)")
+    for axis, ticks in ((axes.xaxis, (30, 100, 300, 600)), (axes.yaxis, (0.01, 0.1, 1))):
+        axis.set_major_locator(FixedLocator(ticks))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
     axes.set_ylim(0.003, 6)
     axes.legend(frameon=False, fontsize=8.5, loc="lower left")
     return figure
