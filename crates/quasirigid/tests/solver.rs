@@ -194,13 +194,16 @@ fn assembled_and_matrix_free_give_the_same_reactions() {
 }
 
 #[test]
-fn warm_start_from_the_solution_takes_one_sweep_and_still_improves() {
+fn warm_start_from_the_solution_takes_few_sweeps_and_is_improved_a_hundredfold() {
     let mut problem = grasp([55, 55, 54], SOFT, 1e-3, 1e-4);
     let solution = problem.solve(&SolverParameters::default());
     let first = solution.report.residual;
     let again = problem.solve_from(solution.f, &SolverParameters::default());
-    assert_eq!((again.report.sweeps, again.report.stop), (1, Stop::Converged));
-    assert!(again.report.residual < first, "{:e} after {first:e}", again.report.residual);
+    assert!(again.report.stop.converged() && again.report.sweeps <= 12, "{} sweeps", again.report.sweeps);
+    // Otherwise a held object would creep by the tolerance.
+    assert!(again.report.residual < 0.02 * first, "{:e} after {first:e}", again.report.residual);
+    let third = problem.solve_from(again.f, &SolverParameters { tolerance: 1e-6, ..Default::default() });
+    assert!(third.report.sweeps <= 12, "{} sweeps", third.report.sweeps);
 }
 
 #[test]

@@ -14,8 +14,8 @@ pub struct SolverParameters {
     pub tolerance: Real,
     /// Sweeps at most. Default 1000. Smaller: a cold start on a stiff problem ends early, and says so.
     pub max_sweeps: u32,
-    /// Sweeps at least; taken as 1 if 0. Default 1. Without that one sweep a warm start that is just good enough would never improve, and a held
-    /// object would creep by the tolerance. More: only time is lost.
+    /// Sweeps at least; taken as 1 if 0. Default 2. More: only time is lost. Less, too: one sweep a step leaves a slow mode that the motion of the step
+    /// feeds again.
     pub min_sweeps: u32,
     /// Time at most; overrun by a few passes over the contacts. Default none. A budget makes the result depend on the machine:
     /// two runs are then no longer the same bit by bit.
@@ -24,7 +24,7 @@ pub struct SolverParameters {
 
 impl Default for SolverParameters {
     fn default() -> Self {
-        Self { tolerance: 1e-8, max_sweeps: 1000, min_sweeps: 1, time_budget: None }
+        Self { tolerance: 1e-8, max_sweeps: 1000, min_sweeps: 2, time_budget: None }
     }
 }
 

@@ -35,6 +35,16 @@ const PLAIN_SWEEPS: u32 = 8;
 /// Sweeps before Newton steps take over. Soft grasps are done by then; a Newton step costs 10 to 20 sweeps.
 const PATIENCE: u32 = 40;
 
+/// A warm start is improved at least by this factor, even if that is far below the tolerance: errors that the motion of the step feeds again
+/// would otherwise stay just below the tolerance for ever, and a held object would creep by them.
+const IMPROVEMENT: Real = 0.01;
+
+/// Sweeps that may be spent on that once the residual is within the tolerance.
+const REFINEMENT: u32 = 8;
+
+/// A first sweep that changes the reactions by less than this share has nothing to improve on: a creep of 1e-14 m/s at most.
+const FINEST: Real = 1e-11;
+
 /// An extrapolation that makes the next sweep change the reactions by this factor more is taken back.
 const SETBACK: Real = 2.0;
 
@@ -68,7 +78,7 @@ impl Scratch {
 /// Solves the frictional contact problem `delta = W f + delta_free` of [`super`].
 ///
 /// `delta_free` in m, contact frames; `mu` without unit; `f` in N: the warm start on entry, the reactions on return, exactly in their cones;
-/// `status` is only written. On return `w` holds `f`. At least one sweep is done whatever the warm start. A non-finite warm start counts as none.
+/// `status` is only written. On return `w` holds `f`. A warm start is always improved, however good it is. A non-finite warm start counts as none.
 ///
 /// The residual of the report is that of the returned `f`, evaluated on its own. It is looked at only when a sweep has changed little, because it costs as
 /// much as a sweep.
@@ -126,6 +136,9 @@ impl<W: Delassus> Run<'_, W> {
         let tolerance = self.parameters.tolerance;
         // Change of a sweep below which the residual is worth a look.
         let mut look_below = 2.0 * tolerance;
+        // What a good warm start is improved to, and since which sweep the residual is within the tolerance.
+        let mut aim = tolerance;
+        let mut good_since = None;
         // Whether the sweep under way starts from an extrapolation, and the change of the sweep before it.
         let mut extrapolated = false;
         let mut last_change = Real::INFINITY;
@@ -140,17 +153,23 @@ impl<W: Delassus> Run<'_, W> {
             if !change.is_finite() {
                 return Some(self.give_up());
             }
+            if self.sweeps == 1 && change > FINEST {
+                aim = (IMPROVEMENT * change).min(tolerance);
+            }
             let out_of_time = self.out_of_time(0);
             if out_of_time.is_some() || (self.sweeps >= self.parameters.min_sweeps && change <= look_below) {
                 let residual = self.residual();
                 if self.converged(residual) {
-                    return Some(self.report(residual, Stop::Converged));
+                    let since = *good_since.get_or_insert(self.sweeps);
+                    if residual <= aim || self.sweeps >= since + REFINEMENT || out_of_time.is_some() {
+                        return Some(self.report(residual, Stop::Converged));
+                    }
                 }
                 if let Some(stop) = out_of_time {
                     return Some(self.report(residual, stop));
                 }
                 // Residual and change fall together: look again when the change has fallen by the factor that is missing.
-                look_below = change * (tolerance / residual).clamp(0.01, 0.7);
+                look_below = change * (aim / residual).clamp(0.01, 0.7);
             }
             if accelerate {
                 if extrapolated && change > SETBACK * last_change {
