@@ -3,7 +3,7 @@
 #[path = "common/closed_forms.rs"]
 mod closed_forms;
 
-use closed_forms::{DEPTH, Elastic, Hertz, RADIUS, RIGID, half_space, indentation};
+use closed_forms::{DEPTH, Elastic, Hertz, RADIUS, RIGID, half_space, indentation, lubkin};
 use quasirigid::Parameters;
 use quasirigid::math::{Real, Vec3};
 use quasirigid::scenes::{Indentation, Pinch, PinchOptions};
@@ -39,6 +39,25 @@ fn moment_in_full_slip_is_that_of_the_patch() {
         );
         assert!(moments.windows(2).all(|w| w[1] >= w[0]), "{name}: the moment falls");
         assert!((moments[24] - 1.0).abs() < 0.05, "{name}: moment {} of the closed form", moments[24]);
+    }
+}
+
+#[test]
+fn moment_follows_the_curve_of_lubkin() {
+    assert!((lubkin(1e-9).1 / (3.0 * PI / 16.0) - 1.0).abs() < 1e-6, "limit of the curve: {}", lubkin(1e-9).1);
+    for (name, pair) in PAIRS {
+        let hertz = Hertz::new(DEPTH, pair);
+        let mut scene = indentation(pair, MU, 400, true);
+        turn(&mut scene, DEPTH, 0.0);
+        let g = hertz.k_r / (16.0 / 3.0 * hertz.a.powi(3));
+        let mut worst: Real = 0.0;
+        for c in [0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1] {
+            let (angle, truth) = lubkin(c);
+            let moment = turn(&mut scene, DEPTH, angle * MU * hertz.p / (g * hertz.a * hertz.a)) / (MU * hertz.p * hertz.a);
+            worst = worst.max((moment / truth - 1.0).abs());
+            assert!((moment / truth - 1.0).abs() < 0.05, "{name}, stick to {c} a: moment {moment} of mu P a, Lubkin {truth}");
+        }
+        println!("{name}: moment off by at most {:.2} %", 100.0 * worst);
     }
 }
 

@@ -57,6 +57,39 @@ impl Hertz {
     }
 }
 
+/// Twist of a Hertz patch that slips outside the radius c a (Lubkin): angle in mu P / (G a^2) and moment in mu P a.
+///
+/// A sum of stuck discs of radii s from c to a gives, by Abel's transform, with I(s) = mu p0 (K(k) - E(k)) and k^2 = 1 - s^2/a^2,
+///
+/// ```text
+/// angle = I(c) / (2 G)        M = 8/3 (c^3 I(c) + 3 integral_c^a s^2 I(s) ds)
+/// ```
+pub fn lubkin(c: Real) -> (Real, Real) {
+    let spread = |s: Real| 1.5 / PI * elliptic_k_less_e(s);
+    // Simpson's rule; I has a logarithm at s = 0 that s^2 takes the edge off.
+    let (steps, mut integral) = (2_000, 0.0);
+    let h = (1.0 - c) / Real::from(steps);
+    for k in 0..=steps {
+        let weight = if k == 0 || k == steps { 1.0 } else { Real::from(2 + 2 * (k % 2)) };
+        let s = c + h * Real::from(k);
+        integral += weight * h / 3.0 * s * s * spread(s);
+    }
+    (0.5 * spread(c), 8.0 / 3.0 * (c.powi(3) * spread(c) + 3.0 * integral))
+}
+
+/// K(k) - E(k) with complementary modulus s = sqrt(1 - k^2), 0 < s <= 1, by the arithmetic-geometric mean.
+fn elliptic_k_less_e(s: Real) -> Real {
+    let (mut a, mut g, mut power) = (1.0, s, 0.5);
+    let mut sum = 0.5 * (1.0 - s * s);
+    while a - g > 1e-15 {
+        let c: Real = 0.5 * (a - g);
+        (a, g) = (0.5 * (a + g), (a * g).sqrt());
+        power *= 2.0;
+        sum += power * c * c;
+    }
+    PI / (2.0 * a) * sum
+}
+
 /// A material of a half-space that answers at once.
 pub fn half_space((e, nu): Elastic, mu: Real) -> Material {
     Material::new("test", 1000.0, mu, e, nu, 0.01, 0.0, ComplianceModel::HalfSpace).unwrap()
