@@ -320,7 +320,7 @@ impl World {
             entry.body.state().for_each_number(|x| hash.add(x));
         }
         for pair in &self.pairs {
-            for side in [&pair.side_a, &pair.side_b] {
+            for side in [&pair.side_a, &pair.side_b, &pair.beyond] {
                 for &c in &side.active {
                     side.displacement[c as usize].iter().for_each(|&x| hash.add(x));
                 }

@@ -14,10 +14,11 @@ pub use projection::Remembered;
 pub use traversal::{Coupled, Coupling};
 
 use crate::body::BodyEntry;
+use crate::body::Skin;
 use crate::free_motion::FreeMotion;
 use crate::math::{Mat3, Real, Vec3};
 use crate::params::Parameters;
-use crate::surface::Weights;
+use crate::surface::{Loaded, Weights};
 use std::time::{Duration, Instant};
 
 /// A control point of body `a` and its projection on body `b`.
@@ -39,10 +40,25 @@ pub struct Contact {
     pub gap: Real,
     /// Area that the contact stands for, m^2: the control point's, or its node's when the traversal stopped early.
     pub area: Real,
-    /// Control points of `b` that the projection is interpolated from; none if `b` counts as rigid.
+    /// Where it is projected to: on the undeformed surface of `b`, frame of the link of `b`, m.
+    pub foot: Vec3,
+    /// Control points of `b` that the foot is interpolated from; none if `b` counts as rigid.
     pub weights_b: Weights,
     /// Whether it was projected anew in this step; otherwise foot, normal and weights are those remembered.
     pub projected: bool,
+}
+
+impl Contact {
+    /// The foot as a half-space on `b` sees it, frame of the link of `b`. `to_link_b`: rotation from the world.
+    pub(crate) fn foot_on_b(&self, to_link_b: &Mat3) -> Loaded {
+        Loaded { point: self.foot, normal: to_link_b * self.frame.column(0), area: self.area }
+    }
+
+    /// Mean of `1/r` over the contact's area as seen from its middle, 1/m; `skin_a` is the skin of `a`.
+    pub(crate) fn inverse_distance(&self, skin_a: &Skin) -> Real {
+        let (control, i) = (&skin_a.surface.control, self.control_point as usize);
+        control.inverse_distances[i] * (control.areas[i] / self.area).sqrt()
+    }
 }
 
 /// Scratch and output of the stage.

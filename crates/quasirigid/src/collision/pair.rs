@@ -5,6 +5,7 @@ use crate::body::{BodyEntry, Skin};
 use crate::contact_problem::ElasticRows;
 use crate::math::Vec3;
 use crate::params::Parameters;
+use crate::surface::Weights;
 
 /// Elastic displacement of one side of a pair, at the control points of its surface.
 #[derive(Debug, Clone, Default)]
@@ -39,6 +40,9 @@ pub struct Pair {
     pub side_b: PatchSide,
     /// Whether `b` is so much stiffer than `a` that it counts as rigid here, see [`Parameters::rigid_beyond`].
     pub rigid_b: bool,
+    /// What the displacement of `b` under each control point of `a` has beyond that interpolated from `side_b`, frame of the link of `b`. Only where `b` is a
+    /// half-space: its Green's function holds at the feet themselves, and `b`, the coarser side, cannot show what is narrower than its spacing.
+    pub beyond: PatchSide,
     /// Coupled nodes, found anew when the two have moved enough.
     pub coupling: Coupling,
     /// Last projection of each control point of `a`.
@@ -56,6 +60,13 @@ impl PatchSide {
         }
     }
 
+    /// Forgets all displacements.
+    pub fn clear(&mut self) {
+        for c in self.active.drain(..) {
+            (self.displacement[c as usize], self.is_active[c as usize]) = (Vec3::zeros(), false);
+        }
+    }
+
     /// Marks a control point as displaced.
     pub fn touch(&mut self, control_point: usize) {
         if !self.is_active[control_point] {
@@ -66,9 +77,14 @@ impl PatchSide {
 }
 
 impl Pair {
+    /// Elastic displacement of `b` under a control point of `a` whose foot is interpolated by `weights`, frame of the link of `b`, m.
+    pub fn displacement_of_b(&self, control_point: usize, weights: &Weights) -> Vec3 {
+        self.beyond.displacement[control_point] + weights.iter().map(|(c, w)| self.side_b.displacement[c] * w).sum::<Vec3>()
+    }
+
     /// Whether anything is left to remember.
     pub fn is_idle(&self) -> bool {
-        self.loaded.is_empty() && self.side_a.active.is_empty() && self.side_b.active.is_empty()
+        self.loaded.is_empty() && [&self.side_a, &self.side_b, &self.beyond].iter().all(|side| side.active.is_empty())
     }
 }
 
@@ -98,6 +114,7 @@ pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[
                     side_a: PatchSide::new(count_a),
                     side_b: PatchSide::new(count_b),
                     rigid_b: gives(skin_a) > params.rigid_beyond * gives(skin_b),
+                    beyond: PatchSide::new(count_a),
                     coupling: Coupling::default(),
                     remembered: vec![Remembered::default(); count_a],
                     elastic: ElasticRows::default(),

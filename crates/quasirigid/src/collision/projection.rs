@@ -188,7 +188,7 @@ impl<'a> View<'a> {
         let control_point = coupled[0].control_point as usize;
         let Seen::Foot { foot, normal, weights } = &pair.remembered[control_point].surface else { return None };
         let (x, approach) = self.locate(pair, control_point);
-        let u_b: Vec3 = weights.iter().map(|(c, w)| pair.side_b.displacement[c] * w).sum();
+        let u_b = pair.displacement_of_b(control_point, weights);
         let gap = normal.dot(&(x - foot - u_b));
         // Enters if it touches now or would after the free motion: nothing fast slips through a step.
         if gap + normal.dot(&approach).min(0.0) > self.params.contact_margin {
@@ -205,6 +205,7 @@ impl<'a> View<'a> {
             frame,
             gap,
             area,
+            foot: *foot,
             weights_b: *weights,
             projected,
         })

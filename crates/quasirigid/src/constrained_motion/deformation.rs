@@ -4,7 +4,7 @@ use crate::body::{BodyEntry, Skin};
 use crate::collision::{Contact, Pair, PatchSide};
 use crate::math::{Mat3, Real, Vec3};
 use crate::params::Parameters;
-use crate::surface::Compliance;
+use crate::surface::{Compliance, HalfSpaceCompliance, Loaded};
 
 /// Displacements below this are set to zero, m: far below rounding of any position, so nothing is lost but work.
 const FORGOTTEN: Real = 1e-20;
@@ -18,6 +18,10 @@ pub(super) struct Scratch {
     loaded: Vec<u32>,
     force: Vec<Vec3>,
     is_loaded: Vec<bool>,
+    /// Loaded feet on a half-space `b`: place in the patch, foot, force on it, frame of the link of `b`.
+    pushes: Vec<(usize, Loaded, Vec3)>,
+    /// New displacement at every foot.
+    feet: Vec<Vec3>,
 }
 
 /// Updates the memory of every pair from the solved reactions. Poses must still be those of the start of the step: reactions and frames are.
@@ -80,7 +84,23 @@ pub(super) fn remember(
                 c.weights_b.iter().map(move |(k, weight)| (k, force * weight))
             });
             scratch.load(skin.surface.control.len(), pushes);
-            displace(&mut pair.side_b, skin, scratch, params.dt);
+            if pair.rigid_b {
+                continue;
+            }
+            if let (Compliance::HalfSpace(half_space), Some(skin_a)) = (&skin.compliance, &entry_a.skin) {
+                displace_feet(
+                    scratch,
+                    pair,
+                    half_space,
+                    [skin_a, skin],
+                    patch,
+                    forces,
+                    &to_link.to_rotation_matrix().into_inner(),
+                    params.dt,
+                );
+            } else {
+                displace(&mut pair.side_b, skin, scratch, params.dt);
+            }
         }
     }
 }
@@ -91,7 +111,52 @@ fn self_change(skin: &Skin, contact: &Contact) -> Mat3 {
     match &skin.compliance {
         Compliance::Local(local) => Mat3::identity() * local.change_for_area(control, i, contact.area),
         Compliance::HalfSpace(half_space) => {
-            half_space.self_block(control, i, contact.area) - half_space.self_block(control, i, control.areas[i])
+            half_space.self_block(&control.normals[i], contact.inverse_distance(skin) - control.inverse_distances[i])
+        }
+    }
+}
+
+/// A half-space on side `b`: `u <- alpha u + (1 - alpha) K^-1 f` at the feet of the contacts, the operator of `contact_problem`; and at the control points of `b`,
+/// which show the deformation and carry it along where feet move.
+#[allow(clippy::too_many_arguments)]
+fn displace_feet(
+    scratch: &mut Scratch,
+    pair: &mut Pair,
+    half_space: &HalfSpaceCompliance,
+    [skin_a, skin_b]: [&Skin; 2],
+    patch: &[Contact],
+    forces: &[Vec3],
+    to_link_b: &Mat3,
+    dt: Real,
+) {
+    let alpha = skin_b.memory(dt);
+    scratch.pushes.clear();
+    for (i, (contact, f)) in patch.iter().zip(forces).enumerate().filter(|(_, (_, f))| **f != Vec3::zeros()) {
+        scratch.pushes.push((i, contact.foot_on_b(to_link_b), -(to_link_b * (contact.frame * f))));
+    }
+    scratch.feet.clear();
+    for (i, contact) in patch.iter().enumerate() {
+        let foot = contact.foot_on_b(to_link_b);
+        let moved = |(j, other, force): &(usize, Loaded, Vec3)| {
+            let own = i == *j;
+            let block = if own {
+                half_space.self_block(&foot.normal, contact.inverse_distance(skin_a))
+            } else {
+                half_space.block_between(&foot, other)
+            };
+            block * force
+        };
+        let before = pair.displacement_of_b(contact.control_point as usize, &contact.weights_b);
+        scratch.feet.push(before * alpha + scratch.pushes.iter().map(moved).sum::<Vec3>() * (1.0 - alpha));
+    }
+    displace(&mut pair.side_b, skin_b, scratch, dt);
+    pair.beyond.clear();
+    for (contact, u) in patch.iter().zip(&scratch.feet) {
+        let c = contact.control_point as usize;
+        let beyond = u - pair.displacement_of_b(c, &contact.weights_b);
+        if beyond != Vec3::zeros() {
+            pair.beyond.touch(c);
+            pair.beyond.displacement[c] = beyond;
         }
     }
 }

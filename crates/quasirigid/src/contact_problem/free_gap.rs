@@ -24,7 +24,7 @@ pub(super) fn delta_free(contact: &Contact, pair: &Pair, bodies: &[BodyEntry], f
         entry.body.link_pose(entry.skin_link).rotation * (u * (alpha - 1.0))
     };
     let u_a = pair.side_a.displacement[contact.control_point as usize];
-    let u_b: Vec3 = contact.weights_b.iter().map(|(c, w)| pair.side_b.displacement[c] * w).sum();
+    let u_b = pair.displacement_of_b(contact.control_point as usize, &contact.weights_b);
     let mut delta = contact.frame.transpose() * (d_a - d_b + relaxed(a, u_a) - relaxed(b, u_b));
     delta.x += contact.gap;
     delta

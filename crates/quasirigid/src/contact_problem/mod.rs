@@ -128,10 +128,11 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodi
             let elastic_axes = entry_a.body.link_pose(entry_a.skin_link).rotation.to_rotation_matrix().into_inner().transpose();
             let prepared = Instant::now();
             out.rigid_time += prepared - start;
-            let turn = elastic_axes * entry_b.body.link_pose(entry_b.skin_link).rotation.to_rotation_matrix().into_inner();
+            let axes_b = entry_b.body.link_pose(entry_b.skin_link).rotation.to_rotation_matrix().into_inner();
+            let turn = elastic_axes * axes_b;
             if !pair.elastic.hold_for(patch, &turn, dt) {
                 pair.elastic.start(patch, &turn, dt);
-                out.elastic.fill_rows(&mut pair.elastic, patch, [skin_a, skin_b], &turn, dt);
+                out.elastic.fill_rows(&mut pair.elastic, patch, [skin_a, skin_b], &turn, &axes_b.transpose(), dt);
             }
             for (i, (contact, RigidRows { a, b })) in patch.iter().zip(&out.rigid).enumerate() {
                 out.w.push_contact(a.0, &a.1, b.0, &b.1, &(elastic_axes * contact.frame));

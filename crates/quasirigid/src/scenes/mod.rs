@@ -2,8 +2,10 @@
 
 pub mod grasp;
 pub mod incline;
+pub mod indentation;
 pub mod pinch;
 
 pub use grasp::{GraspOptions, GraspScene};
 pub use incline::Incline;
+pub use indentation::{Indentation, IndentationOptions};
 pub use pinch::{Pinch, PinchOptions};

@@ -57,6 +57,17 @@ impl Compliance {
     }
 }
 
+/// A place on a half-space that carries load.
+#[derive(Debug, Clone, Copy)]
+pub struct Loaded {
+    /// Where it is on the undeformed surface, m.
+    pub point: Vec3,
+    /// Outward unit normal there.
+    pub normal: Vec3,
+    /// Area that the load is spread over, m^2.
+    pub area: Real,
+}
+
 impl LocalCompliance {
     /// Builds the table.
     ///
@@ -131,43 +142,49 @@ impl HalfSpaceCompliance {
     ///
     /// ```text
     /// C_ij = 1/(2 pi G r) [ (1 - nu) I + nu e e^T + (1 - 2 nu)/2 (e n^T - n e^T) ]
-    /// C_ii = 1/(2 pi G) (2/a) [ (1 - nu) n n^T + (1 - nu/2) (I - n n^T) ]            a = sqrt(A_i / pi)
+    /// C_ii = m_i/(2 pi G) [ (1 - nu) n n^T + (1 - nu/2) (I - n n^T) ]
     /// ```
     ///
-    /// The self term is the centre of a uniformly loaded disc of area `A_i` (the means of 1/r and of x^2/r^3 over it are 2/a and 1/a). n is the mean of
+    /// m_i is the mean of 1/r over the control point's own area, and half of it that of x^2/r^3, as all directions are alike; a disc of radius a has m = 2/a. It is
+    /// chosen to make the sum over unevenly placed points right: [`ControlPoints::inverse_distances`]. n is the mean of
     /// the two normals: the half-space is the plane that the pair shares. The factor (1 + n_i . n_j)/2 lets the two sides
     /// of a body, which are not on one half-space, leave each other alone; it is 1 within a flat patch.
     pub fn block(&self, control: &ControlPoints, i: usize, j: usize) -> Mat3 {
         if i == j {
-            return self.self_block(control, i, control.areas[i]);
+            return self.self_block(&control.normals[i], control.inverse_distances[i]);
         }
+        let at = |i: usize| Loaded { point: control.points[i], normal: control.normals[i], area: control.areas[i] };
+        self.block_between(&at(i), &at(j))
+    }
+
+    /// `C_ij` of [`HalfSpaceCompliance::block`] between two loaded places anywhere on the surface.
+    pub fn block_between(&self, i: &Loaded, j: &Loaded) -> Mat3 {
         let nu = self.poisson_ratio;
         let scale = 1.0 / (2.0 * PI * self.shear_modulus);
-        let mean = control.normals[i] + control.normals[j];
+        let mean = i.normal + j.normal;
         let length = mean.norm();
         if length < 1e-6 {
             return Mat3::zeros();
         }
         let n = mean / length;
         let taper = 0.25 * length * length; // (1 + n_i . n_j) / 2
-        let between = control.points[i] - control.points[j];
+        let between = i.point - j.point;
         let flat = between - n * n.dot(&between);
         let distance = flat.norm();
         // Two points closer than a disc's radius would see more compliance between them than each has alone.
-        let nearest = 0.5 * ((control.areas[i] / PI).sqrt() + (control.areas[j] / PI).sqrt());
+        let nearest = 0.5 * ((i.area / PI).sqrt() + (j.area / PI).sqrt());
         let r = distance.max(nearest);
         let e: Vec3 = if distance > 1e-9 * nearest { flat / distance } else { Vec3::zeros() };
         let coupling = (e * n.transpose() - n * e.transpose()) * (0.5 - nu);
         (Mat3::identity() * (1.0 - nu) + e * e.transpose() * nu + coupling) * (scale * taper / r)
     }
 
-    /// `C_ii` of [`HalfSpaceCompliance::block`] for a disc of `area` (m^2) at control point `i`.
-    pub fn self_block(&self, control: &ControlPoints, i: usize, area: Real) -> Mat3 {
+    /// `C_ii` of [`HalfSpaceCompliance::block`] where the normal is `n` and the mean of 1/r over the loaded area `inverse_distance`, 1/m.
+    pub fn self_block(&self, n: &Vec3, inverse_distance: Real) -> Mat3 {
         let nu = self.poisson_ratio;
-        let n = control.normals[i];
-        let a = (area / PI).sqrt();
         let normal_part = n * n.transpose();
-        (normal_part * (1.0 - nu) + (Mat3::identity() - normal_part) * (1.0 - 0.5 * nu)) / (PI * self.shear_modulus * a)
+        let both = normal_part * (1.0 - nu) + (Mat3::identity() - normal_part) * (1.0 - 0.5 * nu);
+        both * (inverse_distance / (2.0 * PI * self.shear_modulus))
     }
 }
 
@@ -186,6 +203,7 @@ mod tests {
                 control.areas.push(s * s);
             }
         }
+        control.inverse_distances = crate::surface::control_points::inverse_distances(&control.points, &control.normals, &control.areas, s);
         control
     }
 
@@ -228,6 +246,39 @@ mod tests {
         assert!((&c - c.transpose()).norm() < 1e-14 * c.norm());
         let smallest = c.symmetric_eigenvalues().min();
         assert!(smallest > 0.0, "smallest eigenvalue {smallest}");
+    }
+
+    #[test]
+    fn half_space_model_stays_positive_definite_on_uneven_and_bent_surfaces() {
+        use crate::surface::{PointSurface, Surface, shapes};
+        // Random points: no sampling is worse.
+        let mut state = 1_u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as Real / (1_u64 << 53) as Real
+        };
+        let scattered: Vec<Vec3> = (0..1200).map(|_| Vec3::new(0.01 * random(), 0.01 * random(), 0.0)).collect();
+        let cases = [
+            ("random", PointSurface::from_points_and_normals(scattered, vec![Vec3::z(); 1200]).unwrap()),
+            ("sphere", shapes::sample_sphere(0.01, 1200).unwrap()),
+            ("box", shapes::sample_box(Vec3::new(0.02, 0.01, 0.004), 1200).unwrap()),
+        ];
+        for (name, surface) in cases {
+            let control = Surface::build(surface, Some(200)).unwrap().control;
+            for nu in [0.0, 0.3, 0.5] {
+                let half_space = HalfSpaceCompliance::new(1e6, nu);
+                let n = control.len();
+                let mut c = nalgebra::DMatrix::zeros(3 * n, 3 * n);
+                for i in 0..n {
+                    for j in 0..n {
+                        c.fixed_view_mut::<3, 3>(3 * i, 3 * j).copy_from(&half_space.block(&control, i, j));
+                    }
+                }
+                let eigenvalues = c.symmetric_eigenvalues();
+                println!("{name}, nu {nu}: eigenvalues {:e} to {:e} m/N", eigenvalues.min(), eigenvalues.max());
+                assert!(eigenvalues.min() > 0.0, "{name}, nu {nu}: smallest eigenvalue {:e} m/N", eigenvalues.min());
+            }
+        }
     }
 
     #[test]

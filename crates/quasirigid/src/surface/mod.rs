@@ -16,7 +16,7 @@ pub mod shapes;
 pub mod sphere_tree;
 pub mod surface_model;
 
-pub use compliance::{Compliance, HalfSpaceCompliance, LocalCompliance};
+pub use compliance::{Compliance, HalfSpaceCompliance, Loaded, LocalCompliance};
 pub use control_points::{ControlPoints, Weights};
 pub use kernel::Kernel;
 pub use moving_least_squares::Projection;

@@ -62,6 +62,28 @@ pub fn sample_sphere(radius: Real, n: usize) -> Result<PointSurface> {
     sampling.finish()
 }
 
+/// The cap of a sphere of `radius` (m) about the origin that lies within `half_angle` (rad, up to pi) of +z: `n` points (>= 4) on a Fibonacci spiral
+/// from the pole down, equal areas. A small cap is a fine sampling of what a large sphere touches with.
+///
+/// # Errors
+/// [`Error::InvalidValue`] if the radius is not finite and positive, the angle outside (0, pi], or `n` under 4.
+pub fn sample_cap(radius: Real, half_angle: Real, n: usize) -> Result<PointSurface> {
+    check_positive("sphere radius", radius, "m")?;
+    check_positive("half angle of the cap", half_angle, "rad")?;
+    if half_angle > PI {
+        return Err(Error::value("half angle of the cap", "at most pi rad", half_angle, "give radians, not degrees"));
+    }
+    check_count(n, 4)?;
+    // 1 - cos without cancellation: a small cap on a large sphere is what this is for.
+    let height = 2.0 * (0.5 * half_angle).sin().powi(2);
+    let mut sampling = Sampling::with_capacity(n);
+    for i in 0..n {
+        let s = spiral_direction(1.0 - height * (i as Real + 0.5) / n as Real, i);
+        sampling.push(s * radius, s, 2.0 * PI * radius * radius * height / n as Real);
+    }
+    sampling.finish()
+}
+
 /// A capsule about the z axis: a cylinder of `radius` and `length` (m, the cylindrical part alone; 0 gives a sphere) with
 /// hemispherical ends, centred at the origin. `n` points (>= 4) on one spiral from the top down, equal areas.
 ///
