@@ -5,6 +5,7 @@ use crate::surface::kernel::Kernel;
 use crate::surface::moving_least_squares::project;
 use crate::surface::neighbours::NeighbourGrid;
 use crate::surface::sphere_tree::SphereTree;
+use rayon::prelude::*;
 use std::f64::consts::PI;
 use std::ops::Range;
 
@@ -95,26 +96,28 @@ impl ControlPoints {
         points: &[Vec3],
         normals: &[Vec3],
         kernel: &Kernel,
-        mut border: impl FnMut(usize, &mut Vec<Range<u32>>),
+        border: impl Fn(usize, &mut Vec<Range<u32>>) + Sync,
     ) -> Self {
-        let mut control = Self::default();
-        let mut ranges = Vec::new();
-        for leaf in 0..tree.leaves.len() {
+        let on_surface = |ranges: &mut Vec<Range<u32>>, leaf: usize| {
             let node = tree.leaf(leaf);
             ranges.clear();
-            border(leaf, &mut ranges);
+            border(leaf, ranges);
             let nearest = node
                 .points()
                 .min_by(|&a, &b| (points[a] - node.center).norm_squared().total_cmp(&(points[b] - node.center).norm_squared()))
                 .unwrap_or(node.first_point as usize);
             // Only points that look the way of this leaf may decide where its surface is: the other side of a thin plate is near, too.
             let facing = -normals[nearest];
-            let (point, normal) = project(&node.center, points, normals, &ranges, kernel, Some(&facing), 1e-12, 20)
-                .map_or((points[nearest], normals[nearest]), |p| (p.point, p.normal));
+            project(&node.center, points, normals, ranges, kernel, Some(&facing), 1e-12, 20)
+                .map_or((points[nearest], normals[nearest]), |p| (p.point, p.normal))
+        };
+        let found: Vec<(Vec3, Vec3)> = (0..tree.leaves.len()).into_par_iter().map_init(Vec::new, on_surface).collect();
+        let mut control = Self::default();
+        for (leaf, (point, normal)) in found.into_iter().enumerate() {
             control.points.push(point);
             control.normals.push(normal);
             control.tangents.push(any_perpendicular(&normal));
-            control.areas.push(node.area);
+            control.areas.push(tree.leaf(leaf).area);
         }
         control.spacing = (control.areas.iter().sum::<Real>() / control.areas.len() as Real).sqrt();
         control.inverse_distances = inverse_distances(&control.points, &control.normals, &control.areas, control.spacing);

@@ -34,9 +34,16 @@ fn pack(cell: [i64; 3]) -> u64 {
     (cell[0] as u64) | (cell[1] as u64) << 21 | (cell[2] as u64) << 42
 }
 
-/// Multiplicative (Fibonacci) hashing: the top bits of key times 2^64 / golden ratio.
+/// Buckets of a block of 4 x 4 x 4 cells.
+const BLOCK: usize = 64;
+
+/// Blocks of cells are hashed, multiplicatively (Fibonacci: top bits of key times 2^64 / golden ratio); the cells of a block lie side by side. So a search
+/// around one place stays in a few stretches of memory.
 fn bucket_of(key: u64, buckets: usize) -> usize {
-    (key.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32) as usize & (buckets - 1)
+    const WITHIN: u64 = 3 | 3 << 21 | 3 << 42;
+    let cell = (key & 3) | (key >> 21 & 3) << 2 | (key >> 42 & 3) << 4;
+    let block = (key & !WITHIN).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32;
+    (block as usize & (buckets / BLOCK - 1)) * BLOCK + cell as usize
 }
 
 impl NeighbourGrid {
@@ -55,13 +62,13 @@ impl NeighbourGrid {
         let mut grid = Self { entries: Vec::new(), starts: Vec::new(), origin: low, cell, dims: [1; 3] };
         if points.is_empty() {
             grid.origin = Vec3::zeros();
-            grid.starts = vec![0; 2];
+            grid.starts = vec![0; BLOCK + 1];
             return grid;
         }
         for (axis, dim) in grid.dims.iter_mut().enumerate() {
             *dim = ((high[axis] - low[axis]) / cell) as i64 + 1;
         }
-        let buckets = points.len().next_power_of_two();
+        let buckets = points.len().next_power_of_two().max(BLOCK);
         let mut starts = vec![0u32; buckets + 1];
         let keys: Vec<u64> = points.iter().map(|p| pack(grid.cell_of(p))).collect();
         for key in &keys {

@@ -10,6 +10,7 @@
 //! node's range is an even sample of what lies below it (its level of detail).
 
 use crate::math::{Mat3, Real, Vec3};
+use rayon::prelude::*;
 
 /// Points in the sample that stands for an inner node.
 pub const SAMPLE_SIZE: usize = 16;
@@ -84,43 +85,41 @@ impl SphereTree {
     pub(crate) fn build(points: &[Vec3], normals: &[Vec3], areas: &[Real], gaps: &[Real], leaf_count: usize) -> (Self, Vec<u32>) {
         let mut order: Vec<u32> = (0..points.len() as u32).collect();
         let mut nodes = vec![Node::unplaced(0, points.len(), 0, leaf_count, 0, 0)];
-        let mut next = 0;
-        // Breadth-first: the vector is its own queue.
-        while next < nodes.len() {
-            let node = &nodes[next];
-            if node.leaf_count > 1 {
-                let (first, quota) = (node.first_point as usize, node.leaf_count as usize);
-                let (level, first_leaf) = (node.level + 1, node.first_leaf as usize);
-                let count = node.point_count as usize;
-                let (left_points, left_leaves) = cut(points, normals, &mut order[first..first + count], quota);
-                let child = nodes.len() as u32;
-                nodes[next].children = Some([child, child + 1]);
-                nodes.push(Node::unplaced(first, left_points, first_leaf, left_leaves, next as u32, level));
-                nodes.push(Node::unplaced(
-                    first + left_points,
-                    count - left_points,
-                    first_leaf + left_leaves,
-                    quota - left_leaves,
-                    next as u32,
-                    level,
-                ));
+        // Breadth-first, a level at a time: its nodes own disjoint ranges of the points, in order, and are cut side by side.
+        let mut level = 0..1;
+        while !level.is_empty() {
+            let (mut rest, mut taken, mut work) = (order.as_mut_slice(), 0, Vec::new());
+            for index in level.clone().filter(|&index| nodes[index].leaf_count > 1) {
+                let range = nodes[index].points();
+                let (own, after) = std::mem::take(&mut rest).split_at_mut(range.start - taken).1.split_at_mut(range.len());
+                (rest, taken) = (after, range.end);
+                work.push((index, own));
             }
-            next += 1;
+            let quota = |index: usize| nodes[index].leaf_count as usize;
+            let cuts: Vec<_> = work.into_par_iter().map(|(index, own)| (index, cut(points, normals, own, quota(index)))).collect();
+            level = level.end..level.end + 2 * cuts.len();
+            for (index, (left_points, left_leaves)) in cuts {
+                let (below, quota) = (nodes[index].points(), nodes[index].leaf_count as usize);
+                let (depth, first_leaf, child) = (nodes[index].level + 1, nodes[index].first_leaf as usize, nodes.len() as u32);
+                nodes[index].children = Some([child, child + 1]);
+                nodes.push(Node::unplaced(below.start, left_points, first_leaf, left_leaves, index as u32, depth));
+                let (start, count) = (below.start + left_points, below.len() - left_points);
+                nodes.push(Node::unplaced(start, count, first_leaf + left_leaves, quota - left_leaves, index as u32, depth));
+            }
         }
-        let mut leaves = vec![0; leaf_count];
-        for index in (0..nodes.len()).rev() {
-            let range = &order[nodes[index].points()];
+        nodes.par_iter_mut().for_each(|node| {
+            let range = &order[node.points()];
             let area: Real = range.iter().map(|&i| areas[i as usize]).sum();
             let weighted = |f: &dyn Fn(usize) -> Vec3| range.iter().map(|&i| f(i as usize) * areas[i as usize]).sum::<Vec3>() / area;
             let center = weighted(&|i| points[i]);
             // Bounding the points themselves is tighter than bounding the children's spheres.
             let radius = range.iter().map(|&i| (points[i as usize] - center).norm() + gaps[i as usize]).fold(0.0, Real::max);
             let mean_normal = weighted(&|i| normals[i]);
-            let node = &mut nodes[index];
             (node.center, node.radius, node.area, node.mean_normal) = (center, radius, area, mean_normal);
-            if node.children.is_none() {
-                leaves[node.first_leaf as usize] = index as u32;
-            }
+        });
+        let mut leaves = vec![0; leaf_count];
+        for (index, node) in nodes.iter().enumerate().filter(|(_, node)| node.children.is_none()) {
+            leaves[node.first_leaf as usize] = index as u32;
         }
         let mut tree = Self { nodes, leaves };
         tree.choose_representatives();
@@ -128,12 +127,13 @@ impl SphereTree {
     }
 
     fn choose_representatives(&mut self) {
-        for index in 0..self.nodes.len() {
-            let node = &self.nodes[index];
+        let nearest = |node: &Node| {
             let distance2 = |leaf: u32| (self.leaf(leaf as usize).center - node.center).norm_squared();
-            let nearest = (node.first_leaf..node.first_leaf + node.leaf_count).min_by(|&a, &b| distance2(a).total_cmp(&distance2(b)));
-            self.nodes[index].representative = nearest.unwrap_or(node.first_leaf);
-        }
+            let leaves = node.first_leaf..node.first_leaf + node.leaf_count;
+            leaves.min_by(|&a, &b| distance2(a).total_cmp(&distance2(b))).unwrap_or(node.first_leaf)
+        };
+        let chosen: Vec<u32> = self.nodes.par_iter().map(nearest).collect();
+        self.nodes.iter_mut().zip(chosen).for_each(|(node, leaf)| node.representative = leaf);
     }
 
     /// The node of a leaf.

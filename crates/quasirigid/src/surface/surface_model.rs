@@ -2,11 +2,12 @@
 
 use crate::error::{Error, Result};
 use crate::math::{Pose, Real, Vec3};
-use crate::surface::control_points::{ControlPoints, MAX_WEIGHTS, Weights};
+use crate::surface::control_points::{ControlPoints, Weights};
 use crate::surface::kernel::Kernel;
 use crate::surface::neighbours::NeighbourGrid;
 use crate::surface::point_surface::PointSurface;
 use crate::surface::sphere_tree::SphereTree;
+use rayon::prelude::*;
 use std::ops::Range;
 
 /// Points of a leaf when the number of control points is not given: the paper's 36,000 / 4,800.
@@ -179,11 +180,10 @@ impl PointSurface {
 /// Half the distance from each point to the farthest of its close neighbours, m.
 fn neighbour_gaps(points: &[Vec3], spacing: Real) -> Vec<Real> {
     let grid = NeighbourGrid::build(points, 2.0 * spacing);
-    let mut found = Vec::new();
     points
-        .iter()
-        .map(|p| {
-            grid.k_nearest(p, CLOSE_NEIGHBOURS + 1, &mut found);
+        .par_iter()
+        .map_init(Vec::new, |found, p| {
+            grid.k_nearest(p, CLOSE_NEIGHBOURS + 1, found);
             0.5 * found.last().map_or(0.0, |&(_, distance2): &(u32, Real)| distance2.sqrt())
         })
         .collect()
@@ -194,30 +194,44 @@ fn neighbours_of_leaves(tree: &SphereTree, reach: Real) -> Rows {
     let centers: Vec<Vec3> = tree.leaves.iter().map(|&n| tree.nodes[n as usize].center).collect();
     let largest = tree.leaves.iter().map(|&n| tree.nodes[n as usize].radius).fold(0.0, Real::max);
     let grid = NeighbourGrid::build(&centers, largest + 0.5 * reach);
-    let mut rows = Rows::default();
-    let mut row = Vec::new();
-    for (leaf, center) in centers.iter().enumerate() {
+    let row = |(leaf, center): (usize, &Vec3)| {
         let radius = tree.leaf(leaf).radius;
-        row.clear();
+        let mut row = Vec::new();
         grid.for_each_within(center, radius + largest + reach, |other, distance2| {
             if other as usize != leaf && distance2.sqrt() <= radius + tree.leaf(other as usize).radius + reach {
                 row.push(other);
             }
         });
         row.sort_unstable();
-        rows.push_row(row.iter().copied());
-    }
+        row
+    };
+    let found: Vec<Vec<u32>> = centers.par_iter().enumerate().map(row).collect();
+    let mut rows = Rows::default();
+    found.into_iter().for_each(|row| rows.push_row(row));
     rows
 }
 
 fn interpolate(tree: &SphereTree, points: &[Vec3], normals: &[Vec3], control: &ControlPoints, neighbours: &Rows) -> (Rows, Vec<f32>) {
-    let mut rows = Rows::default();
-    let mut weights = Vec::with_capacity(points.len() * MAX_WEIGHTS / 2);
-    for leaf in 0..tree.leaves.len() {
-        for k in tree.leaf(leaf).points() {
+    let of_leaf = |leaf: usize| {
+        let node = tree.leaf(leaf);
+        let (mut counts, mut entries) = (Vec::with_capacity(node.point_count as usize), Vec::new());
+        for k in node.points() {
             let w = control.weights(&points[k], &normals[k], leaf as u32, neighbours.row(leaf));
-            rows.push_row(w.iter().map(|(c, _)| c as u32));
-            weights.extend(w.iter().map(|(_, weight)| weight as f32));
+            counts.push(w.len);
+            entries.extend(w.iter().map(|(c, weight)| (c as u32, weight as f32)));
+        }
+        (counts, entries)
+    };
+    let found: Vec<_> = (0..tree.leaves.len()).into_par_iter().map(of_leaf).collect();
+    let mut rows = Rows::default();
+    let mut weights = Vec::with_capacity(found.iter().map(|(_, entries)| entries.len()).sum());
+    for (counts, entries) in found {
+        let mut rest = entries.as_slice();
+        for count in counts {
+            let (row, after) = rest.split_at(count);
+            rows.push_row(row.iter().map(|entry| entry.0));
+            weights.extend(row.iter().map(|entry| entry.1));
+            rest = after;
         }
     }
     (rows, weights)
