@@ -96,6 +96,13 @@ impl Assembled {
         self.columns[row.clone()].iter().map(|&j| j as usize).zip(&self.values[row])
     }
 
+    /// The block in row `i` and column `j`, if it is stored. The columns of the row must rise.
+    pub(super) fn block(&self, i: usize, j: usize) -> Option<&Mat3> {
+        let row = self.starts[i]..self.starts[i + 1];
+        let found = self.columns[row.clone()].binary_search(&(j as u32)).ok()?;
+        Some(&self.values[row.start + found])
+    }
+
     /// The full matrix, `3n x 3n` numbers row by row, m/N. For export.
     pub fn to_dense(&self) -> Vec<Real> {
         let width = 3 * self.len();

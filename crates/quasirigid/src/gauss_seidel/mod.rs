@@ -20,11 +20,13 @@ mod newton;
 mod parameters;
 mod residual;
 mod sweep;
+mod system;
 
 pub use assembled::Assembled;
 pub use contact_solve::{ContactBlock, ContactStatus};
 pub use delassus::Delassus;
 pub use matrix_free::{MatrixFree, NO_BODY};
-pub use parameters::{SolveReport, SolverParameters, Stop, check_problem};
-pub use residual::{natural_map, natural_map_residual, project_on_cone};
+pub use parameters::{Measure, SolveReport, SolverParameters, Stop, check_problem};
+pub use residual::{natural_map, natural_map_residual, project_on_cone, residual_as_given};
 pub use sweep::{Scratch, solve};
+pub use system::{ContactSystem, SystemSolution, solve_system};
