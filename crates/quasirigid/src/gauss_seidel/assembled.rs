@@ -103,6 +103,22 @@ impl Assembled {
         Some(&self.values[row.start + found])
     }
 
+    /// The rows and columns of `contacts`, which rise. All reactions are zero.
+    pub(super) fn part(&self, contacts: &[usize]) -> Self {
+        let mut part = Self { starts: vec![0], reactions: vec![Vec3::zeros(); contacts.len()], ..Self::default() };
+        for &i in contacts {
+            for (j, w) in self.row(i) {
+                if let Ok(k) = contacts.binary_search(&j) {
+                    part.columns.push(k as u32);
+                    part.values.push(*w);
+                }
+            }
+            part.starts.push(part.values.len());
+            part.blocks.push(self.blocks[i]);
+        }
+        part
+    }
+
     /// The full matrix, `3n x 3n` numbers row by row, m/N. For export.
     pub fn to_dense(&self) -> Vec<Real> {
         let width = 3 * self.len();

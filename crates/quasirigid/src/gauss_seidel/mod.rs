@@ -15,6 +15,8 @@ mod anderson;
 mod assembled;
 mod contact_solve;
 mod delassus;
+mod dense_lu;
+mod interior_point;
 mod matrix_free;
 mod newton;
 mod parameters;

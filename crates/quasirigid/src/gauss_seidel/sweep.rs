@@ -40,7 +40,7 @@ const SETBACK: Real = 2.0;
 
 /// Converged means also that the errors are below this share of the forces that would undo `delta_free` contact by contact. Where there is no solution,
 /// such as a rigid block in a rigid gap that is too narrow, forces grow without end, and errors become small in comparison with them alone.
-const WORST_ERROR: Real = 1e-2;
+pub(super) const WORST_ERROR: Real = 1e-2;
 
 /// Forces this many times larger than those that would undo `delta_free` contact by contact are not extrapolated to: there is no solution that way.
 const LARGEST_FORCE: Real = 1e8;
@@ -208,7 +208,7 @@ impl<W: Delassus> Run<'_, W> {
                     }
                     self.f.copy_from_slice(before);
                     let residual = self.residual();
-                    self.name_statuses();
+                    name_statuses(self.f, self.mu, self.status);
                     return self.report(residual, stop);
                 }
             }
@@ -277,17 +277,6 @@ impl<W: Delassus> Run<'_, W> {
         unit_free * self.force() <= WORST_ERROR * self.free_force
     }
 
-    /// Sets the statuses from the reactions alone.
-    fn name_statuses(&mut self) {
-        for ((status, f), mu) in self.status.iter_mut().zip(self.f.iter()).zip(self.mu) {
-            *status = match f.y.hypot(f.z) {
-                _ if f.x == 0.0 => ContactStatus::Open,
-                friction if friction < mu * f.x * (1.0 - 1e-12) => ContactStatus::Stick,
-                _ => ContactStatus::Slip,
-            };
-        }
-    }
-
     /// Why to stop here, if `kept` sweeps are to be left.
     fn out_of_time(&self, kept: u32) -> Option<Stop> {
         if self.deadline.is_some_and(|deadline| Instant::now() >= deadline) {
@@ -308,5 +297,16 @@ impl<W: Delassus> Run<'_, W> {
         self.status.fill(ContactStatus::Open);
         self.w.set_reactions(self.f);
         self.report(Real::INFINITY, Stop::NonFinite)
+    }
+}
+
+/// Sets the statuses from the reactions alone.
+pub(super) fn name_statuses(f: &[Vec3], mu: &[Real], status: &mut [ContactStatus]) {
+    for ((status, f), mu) in status.iter_mut().zip(f).zip(mu) {
+        *status = match f.y.hypot(f.z) {
+            _ if f.x == 0.0 => ContactStatus::Open,
+            friction if friction < mu * f.x * (1.0 - 1e-12) => ContactStatus::Stick,
+            _ => ContactStatus::Slip,
+        };
     }
 }
