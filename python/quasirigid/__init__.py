@@ -12,6 +12,7 @@ from quasirigid._quasirigid import (
     STAGES,
     Body,
     Contacts,
+    ContactSolution,
     ContactStatus,
     Grip,
     Hand,
@@ -37,11 +38,14 @@ from quasirigid.errors import (
 from quasirigid.grasp_plan import GraspPlan, HandGeometry, plan_grasp
 from quasirigid.objects import ObjectGeometry, load_object
 from quasirigid.recording import Column, Recorder, Recording
+from quasirigid.solver import ContactProblem, solve_contacts
 
 __all__ = [
     "STAGES",
     "Body",
     "Column",
+    "ContactProblem",
+    "ContactSolution",
     "ContactStatus",
     "Contacts",
     "DegenerateSurfaceError",
@@ -69,4 +73,5 @@ __all__ = [
     "__version__",
     "load_object",
     "plan_grasp",
+    "solve_contacts",
 ]

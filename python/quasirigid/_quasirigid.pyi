@@ -15,6 +15,8 @@ from typing import ClassVar, Literal, final
 import numpy as np
 import numpy.typing as npt
 
+from quasirigid.solver import ContactProblem
+
 __version__: str
 STAGES: tuple[str, str, str, str, str]
 """Names of the five stages of a step, in order:
@@ -456,6 +458,55 @@ class StepReport:
     def __repr__(self) -> str: ...
 
 @final
+class ContactSolution:
+    """Reactions and velocities of a contact problem, and how good they are. What ``solve_contacts`` returns."""
+
+    @property
+    def reactions(self) -> FloatArray:
+        """(3n,), ``r``: (normal, tangent1, tangent2) of each contact in turn, in the friction cones."""
+    @property
+    def velocities(self) -> FloatArray:
+        """(3n,), ``u = W r + q``."""
+    @property
+    def status(self) -> npt.NDArray[np.uint8]:
+        """(n,), a ``ContactStatus`` each."""
+    @property
+    def residual(self) -> float:
+        """The natural map with De Saxce's shift and rho = 1 over all contacts, divided by the largest of |q|, |r|, |u|."""
+    @property
+    def unit_free_residual(self) -> float:
+        """The natural map with rho the stiffness of each contact, divided by |r|: the same in all units. ``StepReport.residual`` is of this kind."""
+    @property
+    def sweeps(self) -> int:
+        """Gauss-Seidel sweeps, Newton steps counted as one each."""
+    @property
+    def newton_steps(self) -> int:
+        """How many of the sweeps were Newton steps."""
+    @property
+    def converged(self) -> bool: ...
+    @property
+    def stop_reason(self) -> Literal["converged", "sweep-cap", "time-budget", "non-finite"]: ...
+    @property
+    def asymmetry(self) -> float:
+        """Largest entry of ``W - W^T`` over the largest of ``W``."""
+    @property
+    def time(self) -> float:
+        """Seconds that the call took."""
+    def __len__(self) -> int:
+        """Number of contacts."""
+    def __repr__(self) -> str: ...
+
+def _solve_contacts(
+    W: object,
+    q: npt.ArrayLike,
+    mu: npt.ArrayLike,
+    tolerance: float,
+    max_sweeps: int,
+    time_budget: float | None,
+    warm_start: npt.ArrayLike | None,
+    /,
+) -> ContactSolution: ...
+@final
 class World:
     """Bodies, hands and time. The state changes in ``step`` and nowhere else, but for what you set yourself."""
 
@@ -529,5 +580,10 @@ class World:
         """Advance by ``n`` steps of ``dt`` and return the report of the last. The GIL is released meanwhile."""
     def contacts(self) -> Contacts:
         """The contacts of the last step."""
+    def contact_problem(self, *, sparse: bool = False) -> ContactProblem:
+        """The contact problem of the last step, with the reactions found; ``W`` dense, or ``sparse`` as a SciPy ``bsr_array``.
+
+        In displacements over the step: ``W`` m/N, ``q`` m, reactions N. ``problem.save("step.npz")`` keeps it.
+        """
     def state_hash(self) -> int:
         """64-bit hash of the whole state: same input, same bits, whatever the number of threads."""

@@ -12,6 +12,7 @@ mod hand_model;
 mod mass_properties;
 mod material;
 mod report;
+mod solver;
 mod surface;
 mod world;
 
@@ -36,6 +37,8 @@ mod _quasirigid {
     use crate::material::Material;
     #[pymodule_export]
     use crate::report::StepReport;
+    #[pymodule_export]
+    use crate::solver::{_solve_contacts, ContactSolution};
     #[pymodule_export]
     use crate::surface::Surface;
     #[pymodule_export]

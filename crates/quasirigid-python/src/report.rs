@@ -42,12 +42,7 @@ impl StepReport {
 
     #[getter]
     fn stop_reason(&self) -> &'static str {
-        match self.engine.stop {
-            Stop::Converged => "converged",
-            Stop::SweepCap => "sweep-cap",
-            Stop::TimeBudget => "time-budget",
-            Stop::NonFinite => "non-finite",
-        }
+        stop_name(self.engine.stop)
     }
 
     #[getter]
@@ -92,5 +87,15 @@ impl StepReport {
         let r = &self.engine;
         let (stop, ms) = (self.stop_reason(), 1e3 * self.step_time());
         format!("StepReport(contacts={}, sweeps={}, residual={:.2e}, {stop}, {ms:.3} ms)", r.contacts, r.sweeps, r.residual)
+    }
+}
+
+/// The name of a reason to stop.
+pub fn stop_name(stop: Stop) -> &'static str {
+    match stop {
+        Stop::Converged => "converged",
+        Stop::SweepCap => "sweep-cap",
+        Stop::TimeBudget => "time-budget",
+        Stop::NonFinite => "non-finite",
     }
 }

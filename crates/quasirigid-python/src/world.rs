@@ -225,6 +225,11 @@ impl World {
         Contacts::of(&self.lock(py))
     }
 
+    #[pyo3(signature = (*, sparse = false))]
+    fn contact_problem<'py>(&self, py: Python<'py>, sparse: bool) -> PyResult<Bound<'py, PyAny>> {
+        crate::solver::contact_problem(py, &self.lock(py), sparse)
+    }
+
     fn state_hash(&self, py: Python<'_>) -> u64 {
         self.lock(py).state_hash()
     }

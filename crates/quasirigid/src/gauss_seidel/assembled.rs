@@ -96,6 +96,29 @@ impl Assembled {
         self.columns[row.clone()].iter().map(|&j| j as usize).zip(&self.values[row])
     }
 
+    /// The block in row `i` and column `j`, if it is stored. The columns of the row must rise.
+    pub(super) fn block(&self, i: usize, j: usize) -> Option<&Mat3> {
+        let row = self.starts[i]..self.starts[i + 1];
+        let found = self.columns[row.clone()].binary_search(&(j as u32)).ok()?;
+        Some(&self.values[row.start + found])
+    }
+
+    /// The rows and columns of `contacts`, which rise. All reactions are zero.
+    pub(super) fn part(&self, contacts: &[usize]) -> Self {
+        let mut part = Self { starts: vec![0], reactions: vec![Vec3::zeros(); contacts.len()], ..Self::default() };
+        for &i in contacts {
+            for (j, w) in self.row(i) {
+                if let Ok(k) = contacts.binary_search(&j) {
+                    part.columns.push(k as u32);
+                    part.values.push(*w);
+                }
+            }
+            part.starts.push(part.values.len());
+            part.blocks.push(self.blocks[i]);
+        }
+        part
+    }
+
     /// The full matrix, `3n x 3n` numbers row by row, m/N. For export.
     pub fn to_dense(&self) -> Vec<Real> {
         let width = 3 * self.len();

@@ -20,12 +20,25 @@ pub struct SolverParameters {
     /// Time at most; overrun by a few passes over the contacts. Default none. A budget makes the result depend on the machine:
     /// two runs are then no longer the same bit by bit.
     pub time_budget: Option<Duration>,
+    /// What `tolerance` is compared with. Default [`Measure::UnitFree`].
+    pub measure: Measure,
 }
 
 impl Default for SolverParameters {
     fn default() -> Self {
-        Self { tolerance: 1e-8, max_sweeps: 1000, min_sweeps: 2, time_budget: None }
+        Self { tolerance: 1e-8, max_sweeps: 1000, min_sweeps: 2, time_budget: None, measure: Measure::UnitFree }
     }
+}
+
+/// Which of the two residuals the solver is asked to bring down.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Measure {
+    /// [`super::natural_map_residual`]: no unit, each contact judged by its own stiffness. What a step uses.
+    #[default]
+    UnitFree,
+    /// [`super::residual_as_given`]: the numbers as they are, whatever their units. What the literature of the problem uses, and
+    /// [`super::solve_system`] for problems from elsewhere.
+    AsGiven,
 }
 
 impl SolverParameters {

@@ -60,6 +60,46 @@ pub fn natural_map_residual(delta: &[Vec3], f: &[Vec3], mu: &[Real], rho: &[Real
     relative(error, force)
 }
 
+/// The residual as the literature has it: the natural map with `rho = 1`, so that forces and displacements are compared as plain numbers, over the largest of `|q|`, `|f|`
+/// and `|delta|` (norms over all contacts). What `fc3d_compute_error` of Siconos gives. It depends on the units of `W`; [`natural_map_residual`] does not.
+///
+/// `delta = W f + q`, `f` and `q` in contact frames, `mu` one per contact; all of the same length, the shortest counts.
+pub fn residual_as_given(delta: &[Vec3], f: &[Vec3], q: &[Vec3], mu: &[Real]) -> Real {
+    let mut sums = AsGiven::default();
+    for (((delta, f), q), mu) in delta.iter().zip(f).zip(q).zip(mu) {
+        sums.add(delta, f, q, *mu);
+    }
+    sums.residual()
+}
+
+/// The squared norms that [`residual_as_given`] is made of.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct AsGiven {
+    pub(super) error: Real,
+    pub(super) force: Real,
+    pub(super) displacement: Real,
+    pub(super) free: Real,
+}
+
+impl AsGiven {
+    #[inline]
+    pub(super) fn add(&mut self, delta: &Vec3, f: &Vec3, q: &Vec3, mu: Real) {
+        self.error += natural_map(delta, f, mu, 1.0).norm_squared();
+        self.force += f.norm_squared();
+        self.displacement += delta.norm_squared();
+        self.free += q.norm_squared();
+    }
+
+    /// What the error is divided by, squared.
+    pub(super) fn scale(&self) -> Real {
+        self.force.max(self.displacement).max(self.free)
+    }
+
+    pub(super) fn residual(&self) -> Real {
+        relative(self.error, self.scale())
+    }
+}
+
 /// Ratio of two squared norms, with the convention of the module for `f = 0`.
 pub(super) fn relative(error: Real, force: Real) -> Real {
     if error == 0.0 {

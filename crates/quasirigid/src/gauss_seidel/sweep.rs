@@ -24,8 +24,8 @@ use super::anderson::Anderson;
 use super::contact_solve::ContactStatus;
 use super::delassus::Delassus;
 use super::newton::{Newton, residual_about};
-use super::parameters::{SolveReport, SolverParameters, Stop};
-use super::residual::relative;
+use super::parameters::{Measure, SolveReport, SolverParameters, Stop};
+use super::residual::{AsGiven, relative};
 use crate::math::{Real, Vec3};
 
 /// Sweeps before acceleration begins. The first ones find out which contacts are open, stick and slip; until that settles there is no straight line to
@@ -50,7 +50,7 @@ const SETBACK: Real = 2.0;
 
 /// Converged means also that the errors are below this share of the forces that would undo `delta_free` contact by contact. Where there is no solution,
 /// such as a rigid block in a rigid gap that is too narrow, forces grow without end, and errors become small in comparison with them alone.
-const WORST_ERROR: Real = 1e-2;
+pub(super) const WORST_ERROR: Real = 1e-2;
 
 /// Forces this many times larger than those that would undo `delta_free` contact by contact are not extrapolated to: there is no solution that way.
 const LARGEST_FORCE: Real = 1e8;
@@ -107,7 +107,7 @@ pub fn solve<W: Delassus>(
     }
     w.set_reactions(f);
     let deadline = parameters.time_budget.and_then(|budget| Instant::now().checked_add(budget));
-    let mut run = Run { w, delta_free, mu, f, status, parameters, deadline, free_force, sweeps: 0, newton_steps: 0 };
+    let mut run = Run { w, delta_free, mu, f, status, parameters, deadline, free_force, seen: Real::INFINITY, sweeps: 0, newton_steps: 0 };
     run.sweep_until_patience_ends(scratch).unwrap_or_else(|| run.step_until_done(scratch))
 }
 
@@ -122,6 +122,8 @@ struct Run<'a, W> {
     deadline: Option<Instant>,
     /// Norm of `rho_i delta_free_i`, N.
     free_force: Real,
+    /// What tells whether the residual is worth its cost: the change of the last sweep, or the residual as given that its contacts had when it came to them.
+    seen: Real,
     sweeps: u32,
     newton_steps: u32,
 }
@@ -134,7 +136,7 @@ impl<W: Delassus> Run<'_, W> {
         let before = &mut before[..n];
         anderson.restart();
         let tolerance = self.parameters.tolerance;
-        // Change of a sweep below which the residual is worth a look.
+        // What a sweep has to show before the residual is worth a look.
         let mut look_below = 2.0 * tolerance;
         // What a good warm start is improved to, and since which sweep the residual is within the tolerance.
         let mut aim = tolerance;
@@ -157,7 +159,8 @@ impl<W: Delassus> Run<'_, W> {
                 aim = (IMPROVEMENT * change).min(tolerance);
             }
             let out_of_time = self.out_of_time(0);
-            if out_of_time.is_some() || (self.sweeps >= self.parameters.min_sweeps && change <= look_below) {
+            let seen = self.seen;
+            if out_of_time.is_some() || (self.sweeps >= self.parameters.min_sweeps && seen <= look_below) {
                 let residual = self.residual();
                 if self.converged(residual) {
                     let since = *good_since.get_or_insert(self.sweeps);
@@ -169,7 +172,7 @@ impl<W: Delassus> Run<'_, W> {
                     return Some(self.report(residual, stop));
                 }
                 // Residual and change fall together: look again when the change has fallen by the factor that is missing.
-                look_below = change * (aim / residual).clamp(0.01, 0.7);
+                look_below = seen * (aim / residual).clamp(0.01, 0.7);
             }
             if accelerate {
                 if extrapolated && change > SETBACK * last_change {
@@ -224,7 +227,7 @@ impl<W: Delassus> Run<'_, W> {
                     }
                     self.f.copy_from_slice(before);
                     let residual = self.residual();
-                    self.name_statuses();
+                    name_statuses(self.f, self.mu, self.status);
                     return self.report(residual, stop);
                 }
             }
@@ -234,9 +237,15 @@ impl<W: Delassus> Run<'_, W> {
     /// One pass over all contacts. Returns how much it changed the reactions, relative to them.
     fn sweep(&mut self) -> Real {
         let (mut changed, mut force) = (0.0, 0.0);
+        let as_given = self.parameters.measure == Measure::AsGiven;
+        let mut met = AsGiven::default();
         for i in 0..self.f.len() {
             let block = self.w.diagonal_block(i);
-            let b = self.w.displacement(i) + self.delta_free[i] - block.matrix() * self.f[i];
+            let delta = self.w.displacement(i) + self.delta_free[i];
+            if as_given {
+                met.add(&delta, &self.f[i], &self.delta_free[i], self.mu[i]);
+            }
+            let b = delta - block.matrix() * self.f[i];
             let (new, status) = block.solve(&b, self.mu[i]);
             self.status[i] = status;
             let change = new - self.f[i];
@@ -248,12 +257,28 @@ impl<W: Delassus> Run<'_, W> {
             force += new.norm_squared();
         }
         self.sweeps += 1;
-        relative(changed, force)
+        let change = relative(changed, force);
+        self.seen = if as_given { met.residual() } else { change };
+        change
     }
 
-    /// The natural-map residual of the reactions. They are handed to `w` anew: its running sums carry rounding.
+    /// The residual of the reactions, as the parameters want it measured. They are handed to `w` anew: its running sums carry rounding.
     fn residual(&mut self) -> Real {
         self.w.set_reactions(self.f);
+        match self.parameters.measure {
+            Measure::UnitFree => self.unit_free_residual(),
+            Measure::AsGiven => {
+                let mut sums = AsGiven::default();
+                for i in 0..self.f.len() {
+                    sums.add(&(self.w.displacement(i) + self.delta_free[i]), &self.f[i], &self.delta_free[i], self.mu[i]);
+                }
+                sums.residual()
+            }
+        }
+    }
+
+    /// [`super::natural_map_residual`] of the reactions that `w` holds.
+    fn unit_free_residual(&self) -> Real {
         residual_about(self.w, self.delta_free, self.mu, self.f, 0.0, &[])
     }
 
@@ -264,18 +289,11 @@ impl<W: Delassus> Run<'_, W> {
 
     /// Whether a residual is as good as asked for, and not only because the forces have grown.
     fn converged(&self, residual: Real) -> bool {
-        residual <= self.parameters.tolerance && residual * self.force() <= WORST_ERROR * self.free_force
-    }
-
-    /// Sets the statuses from the reactions alone.
-    fn name_statuses(&mut self) {
-        for ((status, f), mu) in self.status.iter_mut().zip(self.f.iter()).zip(self.mu) {
-            *status = match f.y.hypot(f.z) {
-                _ if f.x == 0.0 => ContactStatus::Open,
-                friction if friction < mu * f.x * (1.0 - 1e-12) => ContactStatus::Stick,
-                _ => ContactStatus::Slip,
-            };
+        if residual > self.parameters.tolerance {
+            return false;
         }
+        let unit_free = if self.parameters.measure == Measure::UnitFree { residual } else { self.unit_free_residual() };
+        unit_free * self.force() <= WORST_ERROR * self.free_force
     }
 
     /// Why to stop here, if `kept` sweeps are to be left.
@@ -298,5 +316,16 @@ impl<W: Delassus> Run<'_, W> {
         self.status.fill(ContactStatus::Open);
         self.w.set_reactions(self.f);
         self.report(Real::INFINITY, Stop::NonFinite)
+    }
+}
+
+/// Sets the statuses from the reactions alone.
+pub(super) fn name_statuses(f: &[Vec3], mu: &[Real], status: &mut [ContactStatus]) {
+    for ((status, f), mu) in status.iter_mut().zip(f).zip(mu) {
+        *status = match f.y.hypot(f.z) {
+            _ if f.x == 0.0 => ContactStatus::Open,
+            friction if friction < mu * f.x * (1.0 - 1e-12) => ContactStatus::Stick,
+            _ => ContactStatus::Slip,
+        };
     }
 }

@@ -1,0 +1,194 @@
+//! `ContactSolution`, and what `quasirigid.solve_contacts` and `World.contact_problem` are made of.
+
+use crate::conv;
+use crate::errors::{OrRaise, to_py};
+use crate::report::stop_name;
+use numpy::{AllowTypeChange, PyArray1, PyArrayLike1, PyArrayLike2, PyArrayLike3, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use quasirigid::Error;
+use quasirigid::gauss_seidel::{ContactSystem, SolverParameters, SystemSolution, solve_system};
+use quasirigid::math::{Mat3, Real, Vec3};
+use std::time::{Duration, Instant};
+
+/// Reactions and velocities of a contact problem, and how good they are.
+#[pyclass(frozen, module = "quasirigid._quasirigid")]
+pub struct ContactSolution {
+    solution: SystemSolution,
+    asymmetry: Real,
+    time: Duration,
+}
+
+fn flat<'py>(py: Python<'py>, vectors: &[Vec3]) -> Bound<'py, PyArray1<Real>> {
+    conv::from_vec(py, vectors.iter().flat_map(|v| [v.x, v.y, v.z]).collect())
+}
+
+#[pymethods]
+impl ContactSolution {
+    #[getter]
+    fn reactions<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
+        flat(py, &self.solution.reactions)
+    }
+
+    #[getter]
+    fn velocities<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
+        flat(py, &self.solution.velocities)
+    }
+
+    #[getter]
+    fn status<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u8>> {
+        conv::from_vec(py, self.solution.status.iter().map(|&s| s as u8).collect())
+    }
+
+    #[getter]
+    fn residual(&self) -> Real {
+        self.solution.residual
+    }
+
+    #[getter]
+    fn unit_free_residual(&self) -> Real {
+        self.solution.unit_free_residual
+    }
+
+    #[getter]
+    fn sweeps(&self) -> u32 {
+        self.solution.sweeps
+    }
+
+    #[getter]
+    fn newton_steps(&self) -> u32 {
+        self.solution.newton_steps
+    }
+
+    #[getter]
+    fn converged(&self) -> bool {
+        self.solution.stop.converged()
+    }
+
+    #[getter]
+    fn stop_reason(&self) -> &'static str {
+        stop_name(self.solution.stop)
+    }
+
+    #[getter]
+    fn asymmetry(&self) -> Real {
+        self.asymmetry
+    }
+
+    #[getter]
+    fn time(&self) -> f64 {
+        self.time.as_secs_f64()
+    }
+
+    fn __len__(&self) -> usize {
+        self.solution.reactions.len()
+    }
+
+    fn __repr__(&self) -> String {
+        let s = &self.solution;
+        let (n, stop) = (s.reactions.len(), stop_name(s.stop));
+        format!("ContactSolution({n} contacts, {stop}, residual={:.2e}, sweeps={})", s.residual, s.sweeps)
+    }
+}
+
+fn not_numbers(py: Python<'_>, what: &str, shape: &str, got: &Bound<'_, PyAny>) -> PyErr {
+    let got = got.get_type().name().map_or_else(|_| "something else".into(), |name| name.to_string());
+    to_py(py, &Error::shape(what, format!("real numbers of shape {shape}"), got, "give an array of real numbers"))
+}
+
+/// `W` with all its entries, `(3n, 3n)`.
+fn dense_system(w: &Bound<'_, PyAny>, q: &[Real], mu: &[Real]) -> PyResult<ContactSystem> {
+    let py = w.py();
+    let w: PyArrayLike2<'_, Real, AllowTypeChange> = w.extract().map_err(|_| not_numbers(py, "W", "(3n, 3n)", w))?;
+    let width = 3 * mu.len();
+    if w.shape() != [width, width] {
+        let hint = "W has three rows and columns per contact, mu one number";
+        return Err(to_py(py, &Error::shape("W", format!("shape ({width}, {width})"), format!("shape {:?}", w.shape()), hint)));
+    }
+    match w.as_slice() {
+        Ok(numbers) if w.is_c_contiguous() => ContactSystem::from_dense(numbers, q, mu).or_raise(py),
+        _ => {
+            let numbers: Vec<Real> = w.as_array().iter().copied().collect();
+            ContactSystem::from_dense(&numbers, q, mu).or_raise(py)
+        }
+    }
+}
+
+/// `W` in the arrays of a canonical `scipy.sparse.bsr_array` with 3x3 blocks.
+fn block_system(rows: &BlockRows<'_>, q: &[Real], mu: &[Real]) -> PyResult<ContactSystem> {
+    let (starts, columns, blocks) = rows;
+    let starts = starts.as_array().iter().map(|&k| k.max(0) as usize).collect();
+    let columns = columns.as_array().iter().map(|&j| u32::try_from(j).unwrap_or(u32::MAX)).collect();
+    let values = blocks.as_array().outer_iter().map(|b| Mat3::from_fn(|r, c| b[(r, c)])).collect();
+    ContactSystem::from_block_rows(starts, columns, values, q, mu).or_raise(blocks.py())
+}
+
+/// Row pointers, block columns and blocks `(k, 3, 3)`.
+type BlockRows<'py> =
+    (PyArrayLike1<'py, i64, AllowTypeChange>, PyArrayLike1<'py, i64, AllowTypeChange>, PyArrayLike3<'py, Real, AllowTypeChange>);
+
+/// Solves; `w` is either a dense matrix or the triple of [`BlockRows`].
+#[pyfunction]
+#[allow(clippy::too_many_arguments)] // of solve_contacts, which has keywords
+pub fn _solve_contacts(
+    py: Python<'_>,
+    w: &Bound<'_, PyAny>,
+    q: &Bound<'_, PyAny>,
+    mu: &Bound<'_, PyAny>,
+    tolerance: Real,
+    max_sweeps: i64,
+    time_budget: Option<Real>,
+    warm_start: Option<&Bound<'_, PyAny>>,
+) -> PyResult<ContactSolution> {
+    let start = Instant::now();
+    let (q, mu) = (conv::vector(q, "q")?, conv::vector(mu, "mu")?);
+    let max_sweeps = conv::count(py, "max_sweeps", max_sweeps)?.try_into().unwrap_or(u32::MAX);
+    let mut parameters = SolverParameters { tolerance, max_sweeps, ..SolverParameters::default() };
+    if let Some(budget) = time_budget {
+        quasirigid::error::check_positive("time_budget", budget, "s").or_raise(py)?;
+        parameters.time_budget = Duration::try_from_secs_f64(budget).ok();
+    }
+    let warm_start = match warm_start {
+        Some(r) => {
+            let r = conv::vector(r, "warm_start")?;
+            if r.len() != q.len() {
+                let hint = "give the reactions of a problem with the same contacts";
+                return Err(to_py(py, &Error::shape("warm_start", format!("shape ({},)", q.len()), format!("shape ({},)", r.len()), hint)));
+            }
+            Some(r.chunks_exact(3).map(Vec3::from_column_slice).collect::<Vec<_>>())
+        }
+        None => None,
+    };
+    let system = match w.extract::<BlockRows<'_>>() {
+        Ok(rows) => block_system(&rows, &q, &mu)?,
+        Err(_) => dense_system(w, &q, &mu)?,
+    };
+    let solution = py.detach(|| solve_system(&system, &parameters, warm_start.as_deref())).or_raise(py)?;
+    Ok(ContactSolution { solution, asymmetry: system.asymmetry(), time: start.elapsed() })
+}
+
+/// The contact problem of the last step, as a `quasirigid.solver.ContactProblem`.
+pub fn contact_problem<'py>(py: Python<'py>, world: &quasirigid::World, sparse: bool) -> PyResult<Bound<'py, PyAny>> {
+    let problem = world.contact_problem();
+    let w = problem.assembled().or_raise(py)?;
+    let (q, reactions) = (flat(py, &problem.delta_free), flat(py, &problem.reactions));
+    let mu = conv::from_vec(py, problem.mu.clone());
+    let module = py.import("quasirigid.solver")?;
+    let matrix = if sparse {
+        let (mut starts, mut columns, mut blocks) = (vec![0i64], Vec::new(), Vec::new());
+        for i in 0..problem.len() {
+            for (j, block) in w.row(i) {
+                columns.push(j as i64);
+                blocks.push(*block);
+            }
+            starts.push(columns.len() as i64);
+        }
+        let arrays = (conv::from_vec(py, starts), conv::from_vec(py, columns), conv::from_matrices(py, blocks)?);
+        module.getattr("_from_block_rows")?.call1(arrays)?
+    } else if problem.is_empty() {
+        // A reshape to no columns is refused.
+        numpy::PyArray2::<Real>::zeros(py, [0, 0], false).into_any()
+    } else {
+        conv::rows(py, w.to_dense(), 3 * problem.len())?.into_any()
+    };
+    module.getattr("ContactProblem")?.call1((matrix, q, mu, reactions))
+}
