@@ -346,23 +346,29 @@ def _draw_scene(axes: Axes, shot: Shot) -> None:
     end = mass - [0.0, 0.0, metres * weight]
     _arrow(axes, at(mass), at(end), INK)
     axes.plot(*at(mass), "o", color=INK, markersize=3.8, markeredgecolor="white", markeredgewidth=1.0)
-    text = axes.text(at(end)[0], at(end)[1] - 5, f"weight {weight:.2f} N", fontsize=9, color=INK, ha="center", va="top")
+    below = at(end)
+    if at(mass)[1] - below[1] < 30.0:  # too short to write beside it: under the object
+        outlines = at(points)
+        above = outlines[np.abs(outlines[:, 0] - below[0]) < 60.0, 1]
+        foot = np.array([below[0], min(above.min(initial=below[1]) - 10.0, below[1])])
+        axes.plot(*np.stack([below, foot]).T, color=INK, linewidth=0.8, linestyle=(0, (2, 2)))
+        below = foot
+    text = axes.text(below[0], below[1] - 5, f"weight {weight:.2f} N", fontsize=9, color=INK, ha="center", va="top")
     text.set_path_effects(HALO)
-    _name(axes, names, 1.7 * LINK_RADII[1] * camera.scale / FINE)
+    _name(axes, names, at(links))
     _scale_bar(axes, camera.scale / FINE)
 
 
-def _name(axes: Axes, names: list[tuple[FloatArray, str, str]], aside: float) -> None:
-    """The fingers' names beside them, outside the hand, no two over each other."""
+def _name(axes: Axes, names: list[tuple[FloatArray, str, str]], links: FloatArray) -> None:
+    """The fingers' names beside them, outside the hand (``links`` (n, 2) px), no two over each other."""
     middle = float(np.mean([place[0] for place, _, _ in names]))
     for right in (False, True):
-        mine = sorted((n for n in names if (n[0][0] > middle) == right), key=lambda n: -n[0][1])
-        edge = max((n[0][0] for n in mine), default=0.0) if right else min((n[0][0] for n in mine), default=0.0)
         last = np.inf
-        for place, text, colour in mine:
+        for place, text, colour in sorted((n for n in names if (n[0][0] > middle) == right), key=lambda n: -n[0][1]):
             y = min(float(place[1]), last - 48)
             last = y
-            x = edge + aside if right else edge - aside
+            level = links[np.abs(links[:, 1] - y) < 26, 0]
+            x = max(level.max(initial=place[0]) + 10, place[0]) if right else min(level.min(initial=place[0]) - 10, place[0])
             look: dict[str, Any] = {"ha": "left" if right else "right", "va": "center", "linespacing": 1.15}
             words = axes.text(x, y, text, color=colour, fontsize=9.5, fontweight="bold", **look)
             words.set_path_effects(HALO)
