@@ -506,6 +506,7 @@ def _solve_contacts(
     warm_start: npt.ArrayLike | None,
     /,
 ) -> ContactSolution: ...
+
 @final
 class World:
     """Bodies, hands and time. The state changes in ``step`` and nowhere else, but for what you set yourself."""

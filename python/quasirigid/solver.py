@@ -31,7 +31,7 @@ def solve_contacts(
     mu: npt.ArrayLike,
     *,
     tolerance: float = 1e-8,
-    max_sweeps: int = 10_000,
+    max_sweeps: int = 2000,
     time_budget: float | None = None,
     warm_start: npt.ArrayLike | None = None,
 ) -> ContactSolution:
@@ -107,7 +107,7 @@ class ContactProblem:
         self,
         *,
         tolerance: float = 1e-8,
-        max_sweeps: int = 10_000,
+        max_sweeps: int = 2000,
         time_budget: float | None = None,
         warm_start: npt.ArrayLike | None = None,
     ) -> ContactSolution:
@@ -154,6 +154,8 @@ class ContactProblem:
                 W = csr_array((arrays["W_data"], arrays["W_indices"], arrays["W_indptr"]), shape=shape)
             return ContactProblem(W, arrays["q"], arrays["mu"], arrays.get("reactions"))
         except KeyError as error:
-            raise ObjectFileError(str(path), "an .npz with arrays W, q and mu", f"no {error}", "write it with ContactProblem.save") from None
+            raise ObjectFileError(
+                str(path), "an .npz with arrays W, q and mu", f"no {error}", "write it with ContactProblem.save"
+            ) from None
         except (OSError, ValueError, AttributeError, TypeError, zipfile.BadZipFile) as error:
             raise ObjectFileError(str(path), "an .npz with arrays W, q and mu", error, "write it with ContactProblem.save") from None
