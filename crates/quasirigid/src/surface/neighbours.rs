@@ -192,7 +192,7 @@ impl NeighbourGrid {
                 self.entries.iter().for_each(|e| keep_nearest(out, k, (e.index, (e.point - x).norm_squared())));
                 return;
             }
-            self.visit_ring(home, ring, |e| keep_nearest(out, k, (e.index, (e.point - x).norm_squared())));
+            self.visit_ring(x, home, ring, k, out);
             // Everything nearer than the nearest unvisited cell wall has been seen. (A wall at the end of the grid has nothing
             // behind it.)
             let mut seen = Real::INFINITY;
@@ -211,24 +211,36 @@ impl NeighbourGrid {
         }
     }
 
-    /// Visits the cells at Chebyshev distance `ring` of `home` that lie in the grid.
-    fn visit_ring(&self, home: [i64; 3], ring: i64, mut visit: impl FnMut(&Entry)) {
+    /// Looks through the cells at Chebyshev distance `ring` of `home` that lie in the grid, but for those too far to hold one of the `k` nearest.
+    fn visit_ring(&self, x: &Vec3, home: [i64; 3], ring: i64, k: usize, out: &mut Vec<(u32, Real)>) {
         let low: [i64; 3] = std::array::from_fn(|a| (home[a] - ring).max(0));
         let high: [i64; 3] = std::array::from_fn(|a| (home[a] + ring).min(self.dims[a] - 1));
+        // Squared distance of the query from a slab of cells; a little short, so that rounding never hides a point.
+        let slab = |axis: usize, cell: i64| {
+            let start = self.origin[axis] + cell as Real * self.cell;
+            let outside = (start - x[axis]).max(x[axis] - start - self.cell) - 1e-6 * self.cell;
+            outside.max(0.0) * outside.max(0.0)
+        };
+        let too_far = |distance2: Real, out: &[(u32, Real)]| out.len() == k && distance2 > out[k - 1].1;
         for cz in low[2]..=high[2] {
+            let z = slab(2, cz);
+            if too_far(z, out) {
+                continue;
+            }
             for cy in low[1]..=high[1] {
+                let yz = z + slab(1, cy);
+                if too_far(yz, out) {
+                    continue;
+                }
+                // Inside the slab only the two end cells belong to the shell.
                 let shell = (cz - home[2]).abs() == ring || (cy - home[1]).abs() == ring;
-                if shell {
-                    for cx in low[0]..=high[0] {
-                        self.bucket([cx, cy, cz]).for_each(&mut visit);
+                let step = if shell { 1 } else { 2 * ring };
+                let mut cx = if shell { low[0] } else { home[0] - ring };
+                while cx <= home[0] + ring {
+                    if (low[0]..=high[0]).contains(&cx) && !too_far(yz + slab(0, cx), out) {
+                        self.bucket([cx, cy, cz]).for_each(|e| keep_nearest(out, k, (e.index, (e.point - x).norm_squared())));
                     }
-                } else {
-                    // Inside the slab only the two end cells belong to the shell (ring > 0 here, so they differ).
-                    for cx in [home[0] - ring, home[0] + ring] {
-                        if (0..self.dims[0]).contains(&cx) {
-                            self.bucket([cx, cy, cz]).for_each(&mut visit);
-                        }
-                    }
+                    cx += step;
                 }
             }
         }
