@@ -180,7 +180,7 @@ def convergence_figure() -> Figure:
         axis.set_major_locator(FixedLocator(ticks))
         axis.set_major_formatter("{x:g}")
         axis.set_minor_formatter(NullFormatter())
-    axes.set_ylim(0.003, 6)
+    axes.set_ylim(0.001, 6)
     axes.legend(frameon=False, fontsize=8.5, loc="lower left")
     return figure
 

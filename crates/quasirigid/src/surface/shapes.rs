@@ -301,6 +301,7 @@ mod tests {
         let cases = [
             ("box", sample_box(Vec3::new(0.06, 0.04, 0.1), 3001).unwrap(), 2.0 * (0.06 * 0.04 + 0.04 * 0.1 + 0.1 * 0.06)),
             ("sphere", sample_sphere(r, 1000).unwrap(), 4.0 * PI * r * r),
+            ("cap", sample_cap(r, 0.1, 500).unwrap(), 4.0 * PI * (r * Real::sin(0.05)).powi(2)),
             ("capsule", sample_capsule(r, l, 999).unwrap(), 2.0 * PI * r * (l + 2.0 * r)),
             ("cylinder", sample_cylinder(r, l, 777).unwrap(), 2.0 * PI * r * (l + r)),
             ("half-space", sample_half_space(0.2, 1234).unwrap(), 0.04),
@@ -318,6 +319,7 @@ mod tests {
         let cases = [
             ("box", sample_box(Vec3::new(0.06, 0.04, 0.1), 3000).unwrap(), 0.65),
             ("sphere", sample_sphere(0.01, 1000).unwrap(), 0.8),
+            ("cap", sample_cap(0.01, 0.1, 1000).unwrap(), 0.65),
             ("capsule", sample_capsule(0.01, 0.05, 1000).unwrap(), 0.65),
             ("long capsule", sample_capsule(0.001, 0.1, 1000).unwrap(), 0.65),
             ("cylinder", sample_cylinder(0.01, 0.05, 1000).unwrap(), 0.5),
@@ -374,11 +376,13 @@ mod tests {
         for bad in [Real::NAN, Real::INFINITY, 0.0, -1.0] {
             assert!(sample_box(Vec3::new(1.0, bad, 1.0), 100).is_err());
             assert!(sample_sphere(bad, 100).is_err());
+            assert!(sample_cap(bad, 1.0, 100).is_err() && sample_cap(1.0, bad, 100).is_err());
             assert!(sample_capsule(bad, 1.0, 100).is_err());
             assert!(sample_cylinder(1.0, bad, 100).is_err());
             assert!(sample_half_space(bad, 100).is_err());
             assert!(sample_fingertip(Vec3::new(1.0, 1.0, bad), 100).is_err());
         }
+        assert!(sample_cap(1.0, 4.0, 100).is_err() && sample_cap(1.0, 1.0, 3).is_err());
         assert!(sample_capsule(1.0, -1.0, 100).is_err() && sample_capsule(1.0, Real::NAN, 100).is_err());
         assert!(sample_sphere(1.0, 0).is_err() && sample_box(Vec3::repeat(1.0), 5).is_err());
     }
