@@ -140,7 +140,11 @@ def measure_twist(simulation: scene.Simulation, dt: float) -> dict[str, Any]:
         angles.append(simulation.angle())
     turned = np.degrees(np.unwrap(angles))
     last = round(1.0 / dt)
-    return {"angle_deg": float(turned[-1]), "peak_deg": float(np.abs(turned).max()), "rate_deg_per_s": float(turned[-1] - turned[-1 - last])}
+    return {
+        "angle_deg": float(turned[-1]),
+        "peak_deg": float(np.abs(turned).max()),
+        "rate_deg_per_s": float(turned[-1] - turned[-1 - last]),
+    }
 
 
 def measure_capsule(installed: dict[str, Any], seconds: float = 5.0) -> list[dict[str, Any]]:
@@ -167,7 +171,11 @@ def measure_capsule(installed: dict[str, Any], seconds: float = 5.0) -> list[dic
 
 def markdown(results: list[dict[str, Any]], capsule: list[dict[str, Any]], about: str) -> str:
     """The tables."""
-    lines = [about, "", "| | dt | hold | slips at load/2N = 0.8 | 3 mm off centre | 10 mm off centre | contacts | CPU ms a step | pressure field |"]
+    lines = [
+        about,
+        "",
+        "| | dt | hold | slips at load/2N = 0.8 | 3 mm off centre | 10 mm off centre | contacts | CPU ms a step | pressure field |",
+    ]
     lines.append("| --- " * 9 + "|")
     for r in results:
         held = f"fell at {r['fell_at_s']:.1f} s" if r["fell_at_s"] else f"creeps {_rate(r['creep_um_per_s'] * 1e-6, 'm/s')}"

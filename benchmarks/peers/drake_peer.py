@@ -136,5 +136,7 @@ class Drake:
 
     def contacts(self) -> int:
         results = self._results()
-        polygons = sum(results.hydroelastic_contact_info(i).contact_surface().num_faces() for i in range(results.num_hydroelastic_contacts()))
+        polygons = sum(
+            results.hydroelastic_contact_info(i).contact_surface().num_faces() for i in range(results.num_hydroelastic_contacts())
+        )
         return results.num_point_pair_contacts() + polygons

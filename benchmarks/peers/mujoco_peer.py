@@ -34,9 +34,7 @@ class MuJoCo:
                 f'<body name="pad{k}" pos="{x} {y} 0" gravcomp="1"><joint name="slide{k}" type="slide" axis="{-side} 0 0" damping="20"/>'
                 f'<geom type="sphere" size="{scene.PAD_RADIUS}" mass="{scene.PAD_MASS}" {geom}/></body>'
             )
-            actuators.append(
-                f'<position joint="slide{k}" kp="20000" kv="200"/>' if side < 0 else f'<motor joint="slide{k}"/>'
-            )
+            actuators.append(f'<position joint="slide{k}" kp="20000" kv="200"/>' if side < 0 else f'<motor joint="slide{k}"/>')
         xml = f"""<mujoco>{_option(configuration.dt, configuration.options)}<worldbody>
             <body name="box"><freejoint/><inertial pos="0 {offset} 0" mass="{mass}" diaginertia="{inertia} {inertia} {inertia}"/>
             <geom name="box" type="box" size="{edge / 2} {edge / 2} {edge / 2}" {geom}/></body>{"".join(bodies)}</worldbody>

@@ -1,4 +1,4 @@
-"""The command line: ``quasirigid grasp``, ``quasirigid materials``.
+"""The command line: ``quasirigid grasp``, ``quasirigid bench``, ``quasirigid materials``.
 
 Standard output carries the result, standard error everything else. Exit code 0 is a finished run (a dropped object is a
 result too), 2 bad input, 130 an interrupt, 1 a bug.
@@ -168,6 +168,34 @@ def grasp(
         typer.echo(json.dumps(result.summary, indent=2, allow_nan=False))
     else:
         Console().print(_panel(result))
+
+
+@app.command()
+def bench(
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write all figures to this file, or to standard output if it is -.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer steps and sizes: a look in half a minute.")] = False,
+) -> None:
+    """Time the step: the paper's two tables beside ours, and how cost grows with contacts, points and threads."""
+    from quasirigid.bench import run_bench
+    from quasirigid.bench_tables import tables
+
+    if json_file is not None and str(json_file) != "-":
+        json_file.open("a", encoding="utf-8").close()  # a file that cannot be written is found out before, not after
+    try:
+        with _terminable(), _progress(quiet=False) as progress:
+            results = run_bench(quick=quick, progress=progress)
+    except KeyboardInterrupt as stop:
+        _say("interrupted")
+        raise typer.Exit(143 if isinstance(stop, Terminated) else 130) from None
+    text = json.dumps(results, indent=2, allow_nan=False)
+    if str(json_file) == "-":
+        typer.echo(text)
+        return
+    if json_file is not None:
+        json_file.write_text(text + "\n", encoding="utf-8")
+    Console().print(tables(results))
 
 
 @app.command()

@@ -7,12 +7,10 @@ The object is drawn as if of glass, so that the soft pads and the pressure on th
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib import colormaps, patheffects
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -26,8 +24,9 @@ from scipy.spatial import cKDTree
 
 from quasirigid.plots import FINGER_COLOURS, INK, MUTED, SLIP, patch_plane
 from quasirigid.recording import Recording
+from quasirigid.scene_shot import Shot, pressure_on, read_shot
 from quasirigid.splats import Camera, FloatArray, Layer, creases, directions, edge_planes, halved, outline, shade, splat, tube
-from quasirigid.summary import creep, phases, pose_in, rotate, settled
+from quasirigid.summary import rotate
 
 WIDTH, HEIGHT, DPI = 1200, 800, 150
 FINE = 2
@@ -43,74 +42,6 @@ LINK_RADII = (0.009, 0.0085, 0.0075, 0.0055)
 """Of the tubes at the joints of a finger, as wide as the phalanges of the built-in hand, m."""
 GRID = 0.01
 HALO: list[patheffects.AbstractPathEffect] = [patheffects.withStroke(linewidth=3.0, foreground="white")]
-
-
-@dataclass(frozen=True)
-class Shot:
-    """What is drawn, from a recording."""
-
-    scene: dict[str, FloatArray]
-    contacts: dict[str, FloatArray]
-    fingers: list[str]
-    forces: FloatArray
-    """(fingers, 3) N on the object, world."""
-    drift: float
-    attributes: dict[str, Any]
-
-    @property
-    def peak(self) -> float:
-        """Largest pressure of a finger on the object, Pa."""
-        mine = self.contacts["finger"] >= 0
-        return max(float(self.contacts["pressure"][mine].max(initial=0.0)), 1.0)
-
-    def patch(self, finger: int) -> npt.NDArray[np.bool_]:
-        """The loaded contacts of a finger with the object."""
-        mine: npt.NDArray[np.bool_] = (self.contacts["finger"] == finger) & (self.contacts["pressure"] > 0.0)
-        return mine
-
-    def centre(self, finger: int) -> FloatArray | None:
-        """Centre of pressure of a finger, (3,) m, world."""
-        mine = self.patch(finger)
-        if not mine.any():
-            return None
-        centre: FloatArray = np.average(self.contacts["point"][mine].astype(float), axis=0, weights=self.contacts["reaction"][mine, 0])
-        return centre
-
-
-def read_shot(recording: Recording) -> Shot | None:
-    """What the picture needs, or ``None`` if the run did not come to the end of its first hold."""
-    scene = {name: np.asarray(values) for name, values in recording.stills("scene").items()}
-    if not scene or int(scene["step"]) >= recording.steps:
-        return None
-    step, dt = int(scene["step"]), float(recording.attributes["dt"])
-    hold = next(span for span in phases(recording["phase"], recording["time"], dt) if span.first <= step < span.last)
-    poses = recording["bodies/pose"][settled(hold, dt)]
-    return Shot(
-        scene=scene,
-        contacts=recording.rows("contacts", step),
-        fingers=recording.labels("hand/force_on_object"),
-        forces=recording["hand/force_on_object"][step],
-        drift=creep(pose_in(poses[:, 2], poses[:, 0]), dt)[0],
-        attributes=recording.attributes,
-    )
-
-
-def _pressure_on(points: FloatArray, shot: Shot, finger: int) -> FloatArray:
-    """Pressure (n,) Pa at ``points`` (n, 3) of a pad: that of the contacts around, a Gaussian as wide as they are apart."""
-    mine = shot.patch(finger)
-    if not mine.any():
-        return np.zeros(len(points))
-    spots, pressure = shot.contacts["point"][mine].astype(float), shot.contacts["pressure"][mine].astype(float)
-    apart = float(np.sqrt(shot.contacts["area"][mine].astype(float).mean()))
-    h = 0.8 * apart
-    distance, nearest = cKDTree(spots).query(points, k=min(12, len(spots)), distance_upper_bound=3 * h)
-    distance, nearest = distance.reshape(len(points), -1), nearest.reshape(len(points), -1)
-    found = np.isfinite(distance)
-    weight = np.where(found, np.exp(-((np.where(found, distance, 0.0) / h) ** 2)), 0.0)
-    total = weight.sum(axis=1)
-    # Where few contacts are around, at the rim, the rest counts as unloaded. Within the patch the sum is pi (h / apart)^2.
-    value: FloatArray = (weight * pressure[np.where(found, nearest, 0)]).sum(axis=1) / np.maximum(total, 0.75 * np.pi * (h / apart) ** 2)
-    return value
 
 
 def _pad_colours(pressure: FloatArray, peak: float) -> FloatArray:
@@ -141,7 +72,7 @@ def _tip(shot: Shot, finger: int) -> list[Part]:
     outward = rotate(pose[3:], unit / axes)
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     return [
-        (points, normals, _pad_colours(_pressure_on(points, shot, finger), shot.peak)),
+        (points, normals, _pad_colours(pressure_on(points, shot, finger), shot.peak)),
         (back, outward, np.tile([*NAIL, 0.0], (len(back), 1))),
     ]
 
@@ -468,4 +399,4 @@ def save_scene(recording: Recording, out: Path) -> list[Path]:
     return [out / "scene.png"]
 
 
-__all__ = ["Shot", "read_shot", "save_scene", "scene"]
+__all__ = ["save_scene", "scene"]

@@ -10,7 +10,8 @@ from quasirigid._quasirigid import Hand, HandModel, World
 from quasirigid.grasp import run_grasp
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.recording import Recording
-from quasirigid.scene_plot import HEIGHT, WIDTH, read_shot, save_scene, scene, view_of
+from quasirigid.scene_plot import HEIGHT, WIDTH, save_scene, scene, view_of
+from quasirigid.scene_shot import read_shot
 from quasirigid.splats import Camera, creases, directions, edge_planes, halved, outline, shade, splat, tube
 
 RED = np.array([1.0, 0.0, 0.0, 0.0])
