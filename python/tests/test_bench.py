@@ -26,7 +26,8 @@ def test_the_file_has_the_phases_and_the_scaling(tmp_path: Path, capfd: pytest.C
     file = tmp_path / "bench.json"
     assert main(["bench", "--quick", "--json", str(file)]) == 0
     out, _ = capfd.readouterr()
-    assert "paper" in out and "conforming" in out
+    assert "paper" in out
+    assert "conforming" in out
     results = json.loads(file.read_text())
     assert len(results["phases"]) == 3
     for phase, paper in zip(results["phases"], bench.PAPER, strict=True):
