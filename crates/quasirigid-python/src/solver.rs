@@ -142,7 +142,7 @@ pub fn _solve_contacts(
     let start = Instant::now();
     let (q, mu) = (conv::vector(q, "q")?, conv::vector(mu, "mu")?);
     let max_sweeps = conv::count(py, "max_sweeps", max_sweeps)?.try_into().unwrap_or(u32::MAX);
-    let mut parameters = SolverParameters { tolerance, max_sweeps, ..SolverParameters::default() };
+    let mut parameters = SolverParameters { tolerance, max_sweeps, min_sweeps: 1, ..SolverParameters::default() };
     if let Some(budget) = time_budget {
         quasirigid::error::check_positive("time_budget", budget, "s").or_raise(py)?;
         parameters.time_budget = Duration::try_from_secs_f64(budget).ok();

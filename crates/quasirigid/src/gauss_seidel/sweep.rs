@@ -155,7 +155,8 @@ impl<W: Delassus> Run<'_, W> {
             if !change.is_finite() {
                 return Some(self.give_up());
             }
-            if self.sweeps == 1 && change > FINEST {
+            // A problem from elsewhere has no next step that could creep.
+            if self.sweeps == 1 && change > FINEST && self.parameters.measure == Measure::UnitFree {
                 aim = (IMPROVEMENT * change).min(tolerance);
             }
             let out_of_time = self.out_of_time(0);
