@@ -157,6 +157,6 @@ def test_interrupted_run_keeps_its_files(tmp_path: Path, number: int, code: int)
     assert "interrupted" in err
     assert "Traceback" not in err
     with Recording(tmp_path / "recording.h5") as recording:
-        assert recording.steps > 100
+        assert recording.steps >= 100  # a block of the file at least
         assert not recording.complete
     assert json.loads((tmp_path / "summary.json").read_text())["interrupted"] is True
