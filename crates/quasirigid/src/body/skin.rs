@@ -1,6 +1,7 @@
 //! The surface of a body as it is now: material, elastic displacement, deformed points and the spheres around them.
 
 use crate::body::material::{ComplianceModel, Material};
+use crate::error::Result;
 use crate::math::{Real, Vec3};
 use crate::params::Parameters;
 use crate::surface::moving_least_squares::evaluate;
@@ -50,16 +51,21 @@ pub struct Skin {
 
 impl Skin {
     /// An undeformed skin.
-    pub fn new(surface: Arc<Surface>, material: Material) -> Self {
-        let compliance = match material.model {
-            ComplianceModel::Local { foundation_modulus, width, share } => {
+    ///
+    /// # Errors
+    /// See [`Material::check_for`].
+    pub fn new(surface: Arc<Surface>, material: Material) -> Result<Self> {
+        material.check_for(&surface.control)?;
+        let compliance = match &material.model {
+            &ComplianceModel::Local { foundation_modulus, width, share } => {
                 Compliance::Local(LocalCompliance::build(&surface.control, foundation_modulus, width, share))
             }
             ComplianceModel::HalfSpace => Compliance::HalfSpace(HalfSpaceCompliance::new(material.young_modulus, material.poisson_ratio)),
+            ComplianceModel::Matrix(matrix) => Compliance::Matrix(matrix.clone()),
         };
         let spheres = surface.tree.nodes.iter().map(|n| Sphere { center: n.center, radius: n.radius }).collect();
         let leaves = surface.tree.leaves.len();
-        Self {
+        Ok(Self {
             compliance,
             displacement: vec![Vec3::zeros(); surface.control.len()],
             deformed: surface.points.clone(),
@@ -78,7 +84,7 @@ impl Skin {
             travel: 0.0,
             surface,
             material,
-        }
+        })
     }
 
     /// Share of the elastic displacement that is left after one step without force: `alpha = tau/(tau + dt)`.
