@@ -9,7 +9,7 @@ mod pair;
 mod projection;
 mod traversal;
 
-pub use pair::{Pair, PatchSide};
+pub use pair::{Afar, Pair, PatchSide};
 pub use projection::Remembered;
 pub use traversal::{Coupled, Coupling};
 
