@@ -1,6 +1,7 @@
 //! How a problem from elsewhere is solved: by the sweeps of a step first, and by heavier means on those parts where that is not enough.
 
 use super::assembled::Assembled;
+use super::block_lu::BlockPattern;
 use super::contact_solve::ContactStatus;
 use super::delassus::Delassus;
 use super::interior_point::interior_point;
@@ -18,8 +19,8 @@ const FIRST_TRY: u32 = 72;
 /// How the interior-point method is run, one after the other until it succeeds.
 const HOLDS: [Real; 3] = [0.1, 0.01, 1.0];
 
-/// Contacts at most in a part for the interior-point method, whose matrix is full: 70 MB each for two of them.
-const LARGEST_DENSE: usize = 1000;
+/// Contacts at most in a part for direct methods.
+const LARGEST_DENSE: usize = 10_000;
 
 /// Below that, rounding is in the way.
 const LEAST_TOLERANCE: Real = 1e-14;
@@ -162,12 +163,13 @@ impl Attempt {
             return;
         }
         if q.len() <= LARGEST_DENSE {
+            let pattern = BlockPattern::new(w);
             for hold in HOLDS {
                 let (kept, deadline) = ((self.reactions.clone(), self.status.clone()), self.deadline);
                 let late = || deadline.is_some_and(|deadline| Instant::now() >= deadline);
                 // From an iterate that is not the best so far, a sweep may still find the solution.
                 let left = self.max_sweeps.saturating_sub(self.sweeps);
-                let outcome = interior_point(w, q, mu, &mut self.reactions, Real::INFINITY, 0.1 * goal, hold, left, late);
+                let outcome = interior_point(w, &pattern, q, mu, &mut self.reactions, Real::INFINITY, 0.1 * goal, hold, left, late);
                 self.sweeps += outcome.steps;
                 self.newton_steps += outcome.steps;
                 if outcome.error <= best {
@@ -317,7 +319,8 @@ mod tests {
         let system = ContactSystem::from_dense(&w, &q, &mu).unwrap();
         for hold in HOLDS {
             let mut r = vec![Vec3::zeros(); mu.len()];
-            let outcome = interior_point(&system.w, &system.q, &mu, &mut r, Real::INFINITY, 1e-9, hold, 60, || false);
+            let outcome =
+                interior_point(&system.w, &BlockPattern::new(&system.w), &system.q, &mu, &mut r, Real::INFINITY, 1e-9, hold, 60, || false);
             assert!(outcome.error < 1e-6, "hold {hold}: {:e} after {} steps", outcome.error, outcome.steps);
         }
     }

@@ -14,6 +14,7 @@
 mod anderson;
 mod assembled;
 mod attempt;
+mod block_lu;
 mod contact_solve;
 mod delassus;
 mod dense_lu;
