@@ -119,6 +119,17 @@ impl Assembled {
         part
     }
 
+    /// The same blocks, each turned into another by its row and column. For its rows only: what [`Delassus`] offers is that of the matrix before.
+    pub(super) fn map(&self, turn: impl Fn(usize, usize, &Mat3) -> Mat3) -> Self {
+        let mut mapped = self.clone();
+        for i in 0..self.len() {
+            for k in self.starts[i]..self.starts[i + 1] {
+                mapped.values[k] = turn(i, self.columns[k] as usize, &self.values[k]);
+            }
+        }
+        mapped
+    }
+
     /// The full matrix, `3n x 3n` numbers row by row, m/N. For export.
     pub fn to_dense(&self) -> Vec<Real> {
         let width = 3 * self.len();
