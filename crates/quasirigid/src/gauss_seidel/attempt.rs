@@ -1,7 +1,6 @@
 //! How a problem from elsewhere is solved: by the sweeps of a step first, and by heavier means on those parts where that is not enough.
 
 use super::assembled::Assembled;
-use super::block_lu::BlockPattern;
 use super::contact_solve::ContactStatus;
 use super::delassus::Delassus;
 use super::interior_point::interior_point;
@@ -56,6 +55,7 @@ pub fn solve_system(system: &ContactSystem, parameters: &SolverParameters, warm_
         deadline,
     };
     let mut w = system.w.clone();
+    w.prepare_factors();
     let mut stop = attempt.sweep(&mut w, &system.q, &system.mu, FIRST_TRY);
     let mut sums = attempt.sums(&mut w, &system.q, &system.mu);
     if stop == Stop::SweepCap && !attempt.is_over() {
@@ -142,6 +142,7 @@ impl Attempt {
             let pick = |from: &[Vec3]| part.iter().map(|&i| from[i]).collect::<Vec<_>>();
             let (q, mu) = (pick(&system.q), part.iter().map(|&i| system.mu[i]).collect::<Vec<_>>());
             let mut w = if parts.len() == 1 { system.w.clone() } else { system.w.part(part) };
+            w.prepare_factors();
             let mut local = Attempt { reactions: pick(&self.reactions), status: part.iter().map(|&i| self.status[i]).collect(), ..*self };
             local.solve_part(&mut w, &q, &mu, goal, parts.len() > 1);
             (self.sweeps, self.newton_steps) = (local.sweeps, local.newton_steps);
@@ -163,7 +164,7 @@ impl Attempt {
             return;
         }
         if q.len() <= LARGEST_DENSE {
-            let pattern = BlockPattern::new(w);
+            let pattern = w.prepare_factors();
             for hold in HOLDS {
                 let (kept, deadline) = ((self.reactions.clone(), self.status.clone()), self.deadline);
                 let late = || deadline.is_some_and(|deadline| Instant::now() >= deadline);
@@ -249,6 +250,7 @@ fn connected_parts(w: &Assembled) -> Vec<Vec<usize>> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::block_lu::BlockPattern;
     use super::super::residual::residual_as_given;
     use super::*;
     use crate::math::Mat3;
