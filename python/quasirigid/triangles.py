@@ -21,7 +21,9 @@ def outward(points: FloatArray, normals: FloatArray, faces: IntArray) -> IntArra
     return np.where(turned[:, None], faces[:, [0, 2, 1]], faces)
 
 
-def rasterise(camera: Camera, points: FloatArray, normals: FloatArray, colours: FloatArray, faces: IntArray, *, back: bool = False) -> Layer:
+def rasterise(
+    camera: Camera, points: FloatArray, normals: FloatArray, colours: FloatArray, faces: IntArray, *, back: bool = False
+) -> Layer:
     """Draw a mesh: ``points`` and ``normals`` (n, 3), world, ``colours`` (n, 4) as ``Layer`` has them, ``faces`` (m, 3) counter-clockwise
     from outside.
 
