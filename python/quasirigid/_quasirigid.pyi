@@ -211,6 +211,16 @@ class Body:
     def mass(self) -> float:
         """kg; 0 for a fixed body."""
     @property
+    def surface(self) -> Surface | None:
+        """The surface at rest, body frame."""
+    @property
+    def material(self) -> Material | None:
+        """What the surface is made of. Settable: holds from the next step on, what is elastically displaced stays so."""
+    @material.setter
+    def material(self, value: Material) -> None: ...
+    def set_mass(self, mass: MassProperties | float) -> None:
+        """Another mass, as in ``World.add_body``; pose and velocities stay. Raises ``InvalidValueError`` for a fixed body."""
+    @property
     def position(self) -> FloatArray:
         """Origin of the body frame, (3,) m, world."""
     @property
@@ -256,6 +266,8 @@ class Body:
 
     def deformed_normals(self) -> FloatArray:
         """Outward unit normals of the deformed points, (n, 3), world. Computed when asked for: a step does not need them."""
+    def moved_points(self) -> tuple[npt.NDArray[np.uint32], FloatArray]:
+        """The points of the surface that are displaced: their indices (k,) and where they are, (k, 3) m, body frame."""
     def displacements(self) -> FloatArray:
         """Elastic displacement ``u`` at the control points, (m, 3) m, body frame."""
 
@@ -312,6 +324,15 @@ class Hand:
 
     def deformed_normals(self, finger: int) -> FloatArray:
         """Outward unit normals of the deformed points of a fingertip, (n, 3), world."""
+    def moved_points(self, finger: int) -> tuple[npt.NDArray[np.uint32], FloatArray]:
+        """The displaced points of a fingertip: their indices (k,) and where they are, (k, 3) m, frame of its last link."""
+    def surface(self, finger: int) -> Surface | None:
+        """A fingertip at rest, frame of its last link."""
+    @property
+    def material(self) -> Material | None:
+        """What the fingertips are made of. Settable: holds from the next step on."""
+    @material.setter
+    def material(self, value: Material) -> None: ...
     def displacements(self, finger: int) -> FloatArray:
         """Elastic displacement ``u`` at the control points of the fingertip, (m, 3) m, frame of its link."""
     def grip(
@@ -536,7 +557,15 @@ class World:
         """s."""
     @property
     def gravity(self) -> FloatArray:
-        """(3,) m/s^2."""
+        """(3,) m/s^2. Settable: holds from the next step on."""
+    @gravity.setter
+    def gravity(self, value: npt.ArrayLike) -> None: ...
+    @property
+    def bodies(self) -> list[Body]:
+        """The rigid bodies, in the order in which contacts count them."""
+    @property
+    def hands(self) -> list[Hand]:
+        """The hands, in the order in which they were added."""
     @property
     def time(self) -> float:
         """Simulated seconds since the start."""

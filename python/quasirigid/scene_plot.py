@@ -22,7 +22,8 @@ from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
-from quasirigid.plots import FINGER_COLOURS, INK, MUTED, SLIP, patch_plane
+from quasirigid.palette import BONE, FINGER_COLOURS, GLASS, LINK_RADII, NAIL, PAD, PALM
+from quasirigid.plots import INK, MUTED, SLIP, patch_plane
 from quasirigid.recording import Recording
 from quasirigid.scene_shot import Shot, pressure_on, read_shot
 from quasirigid.splats import Camera, FloatArray, Layer, creases, directions, edge_planes, halved, outline, shade, splat, tube
@@ -35,11 +36,7 @@ SCENE = (0, 0, 745, 745)
 """Place of the scene in the picture: left, bottom, width, height, px."""
 CLOSE = (812, 312, 360, 360)
 """Place of the close-up."""
-PAD, NAIL, BONE, PALM = (0.95, 0.86, 0.79), (0.86, 0.83, 0.81), (0.80, 0.83, 0.86), (0.62, 0.66, 0.71)
-GLASS = (0.30, 0.45, 0.62)
 EDGE = (0.20, 0.26, 0.34)
-LINK_RADII = (0.009, 0.0085, 0.0075, 0.0055)
-"""Of the tubes at the joints of a finger, as wide as the phalanges of the built-in hand, m."""
 GRID, CELL = 0.01, 1.5e-3
 """Spacing of the floor's lines, and the grain of shadows, m."""
 HALO: list[patheffects.AbstractPathEffect] = [patheffects.withStroke(linewidth=3.0, foreground="white")]

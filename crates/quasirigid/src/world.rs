@@ -23,6 +23,12 @@ pub struct HandHandle {
     index: u32,
 }
 
+impl HandHandle {
+    pub(crate) fn of(index: usize) -> Self {
+        Self { index: index as u32 }
+    }
+}
+
 /// A hand: fingers on a common base.
 #[derive(Debug, Clone)]
 pub struct Hand {

@@ -212,12 +212,11 @@ class Renderer:
         """The picture of a step: (height, width, 3) ``uint8``."""
         state = self.recording.state(step)
         solid, glass = self._parts(state)
-        x, y, width, height = self.layout.scene
+        left, top, width, height = self.layout.scene
         scene = self._ground_with(solid + glass)
         self._draw(scene, solid, glass)
         image = np.ones((self.options.size[1], self.options.size[0], 3), np.float32)
-        top = self.options.size[1] - y - height
-        image[top : top + height, x : x + width] = scene
+        image[top : top + height, left : left + width] = scene
         frame: Frame = (255.0 * np.clip(image, 0.0, 1.0) + 0.5).astype(np.uint8)
         return frame if self.overlay is None else self.overlay.draw(frame, state, self)
 

@@ -9,6 +9,7 @@ mod pair;
 mod projection;
 mod traversal;
 
+pub(crate) use pair::counts_as_rigid;
 pub use pair::{Pair, PatchSide};
 pub use projection::Remembered;
 pub use traversal::{Coupled, Coupling};
