@@ -8,6 +8,7 @@ Written is a ``SceneModel`` and one ``SceneState`` per step, and the same come b
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -253,6 +254,18 @@ class SceneRecording:
         code = self.columns.row("phase", step)
         labels = self.columns.labels("phase")
         return labels[int(code)] if labels else bytes(code).decode(errors="replace")
+
+    def phases(self, steps: slice = slice(None)) -> list[tuple[float, float, str]]:
+        """The phases among some steps: start and end in s, and name; without those that have no name."""
+        codes, times = self.columns["phase"][steps], self.times[steps]
+        if not len(codes):
+            return []
+        changes = [0, *(np.flatnonzero(codes[1:] != codes[:-1]) + 1).tolist(), len(codes)]
+        first = range(len(self))[steps].start
+        spans = []
+        for start, stop in itertools.pairwise(changes):
+            spans.append((float(times[start]) - self.model.dt, float(times[stop - 1]), self.phase(first + start)))
+        return [span for span in spans if span[2]]
 
     def contacts(self, step: int) -> ContactsState:
         """The contacts of a step."""

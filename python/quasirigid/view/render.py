@@ -7,7 +7,7 @@ soft pads and the pressure on them show through it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -150,29 +150,21 @@ class Renderer:
         first, last = recording.step_at(start), recording.step_at(end)
         self.layout = Layout.of(self.options.size, panel=self.options.labels and bool(recording.model.fingers))
         samples = [recording.state(int(i)) for i in np.unique(np.linspace(first, last, 25).round().astype(int))]
-        self.floor = self._floor_of(samples)
-        width, height = self.layout.scene[2:]
+        self.floor = recording.model.floor
         back = towards(self.options.camera, recording, samples[-1])
+        # Seen from the side or from below, a floor is a line or hides everything: there is none then.
+        self._has_floor = bool(back[2] > 0.05)
+        width, height = self.layout.scene[2:]
         self.camera = self._camera(back, samples, (width, height))
         coarse = self.camera
         x, y, _ = coarse.plane(self.floor)
         self._middle = _middle(recording, samples[0])
-        # Seen from the side or from below, a floor is a line or hides everything: there is none then.
-        self._has_floor = back[2] > 0.05
         self._ground = (x - self._middle[0], y - self._middle[1])
         fine = Camera(coarse.axes, coarse.centre, FINE * coarse.scale, (FINE * width, FINE * height))
         xs, ys, _ = fine.plane(self.floor)
         self._lines = halved(floor_lines(xs, ys, self._middle, REACH)[..., None], FINE)[..., 0]
         self.peak = self._peak(first, last)
         self.overlay = Overlay(recording, self.layout, self.camera, self.peak, (start, end)) if self.options.labels else None
-
-    def _floor_of(self, samples: list[SceneState]) -> float:
-        """The floor lies under all supports at all times."""
-        lowest = self.recording.model.floor
-        for i, body in enumerate(self.recording.model.bodies):
-            if body.kind == "support" and len(body.points):
-                lowest = min(lowest, *(float(world_points(body, state, i)[:, 2].min()) for state in samples))
-        return lowest
 
     def _camera(self, back: FloatArray, samples: list[SceneState], size: tuple[int, int]) -> Camera:
         """The camera that has all that moves in the picture."""
@@ -187,8 +179,11 @@ class Renderer:
                 for i, body in enumerate(bodies):
                     fallen = held and body.kind == "object" and np.linalg.norm(state.positions[i] - middle) > NEAR
                     if len(body.points) and (everything or (body.kind != "support" and not fallen)):
-                        some = body.points[:: max(1, len(body.points) // 400)]
-                        seen = camera.project(rotate(state.quaternions[i], some) + state.positions[i])[:, :2]
+                        some = rotate(state.quaternions[i], body.points[:: max(1, len(body.points) // 400)]) + state.positions[i]
+                        if state is samples[0] and body.kind == "object" and back[2] > 0.0:
+                            # With its shadow on the floor.
+                            some = np.concatenate([some, np.column_stack([some[:, :2], np.full(len(some), self.floor)])])
+                        seen = camera.project(some)[:, :2]
                         low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
             if np.isfinite(low).all():
                 break
@@ -226,14 +221,21 @@ class Renderer:
         for i, body in enumerate(self.recording.model.bodies):
             if not len(body.faces) or i in state.quarantined:
                 continue
-            points = world_points(body, state, i)
-            normals = world_normals(body, state, i, points)
-            colours = np.tile(np.array([*body.colour, 0.0], np.float32), (len(points), 1))
-            if body.kind == "fingertip":
-                colours = self.pad_colours(points, state, i)
-            part = Part(points, normals, colours, body.faces)
+            part = self.posed(state, i)
+            if body.kind == "support" and self._has_floor:
+                # A support that is lowered sinks into the floor.
+                part = replace(part, faces=body.faces[(part.points[body.faces, 2] > self.floor - 1e-9).any(axis=1)])
             (glass if body.kind == "object" and self._pads_show() else solid).append(part)
         return solid, glass
+
+    def posed(self, state: SceneState, index: int) -> Part:
+        """A body where it is and as it is deformed; a fingertip has the colours of its pressure."""
+        body = self.recording.model.bodies[index]
+        points = world_points(body, state, index)
+        colours = np.tile(np.array([*body.colour, 0.0], np.float32), (len(points), 1))
+        if body.kind == "fingertip":
+            colours = self.pad_colours(points, state, index)
+        return Part(points, world_normals(body, state, index, points), colours, body.faces)
 
     def _pads_show(self) -> bool:
         """Glass is for seeing pads through it: without fingertips, objects are solid."""
