@@ -172,10 +172,10 @@ def _tip_view(hand: Hand, finger: int, name: str, number: int) -> BodyView:
 
 
 def _palm(hand: Hand) -> Mesh:
-    """The palm, hand frame: a stem, and an arm to every knuckle."""
+    """The palm, hand frame: a stem, and an arm to every knuckle, a little thinner than the link there, so that the two do not flicker."""
     links, turn, origin = hand.link_poses, conjugate(hand.quaternion), hand.position
     zero = np.zeros(3)
-    arms = [tapered_capsule(zero, rotate(turn, knuckle - origin), 0.0115, LINK_RADII[0]) for knuckle in links[:, 0, :3]]
+    arms = [tapered_capsule(zero, rotate(turn, knuckle - origin), 0.0115, 0.98 * LINK_RADII[0]) for knuckle in links[:, 0, :3]]
     return joined([*arms, tapered_capsule(zero, np.array([0.0, 0.0, 0.018]), 0.0122, 0.0095)])
 
 
