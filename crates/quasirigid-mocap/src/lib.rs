@@ -6,6 +6,7 @@
 //! Units are SI: m, s, rad. DTrack's millimetres and degrees stay in [`dtrack`], which mirrors the wire.
 //! Source of everything about DTrack: ART's published format, as the page `docs/mocap.md` of the repository sums it up.
 
+pub mod dtrack;
 pub mod error;
 pub mod hand_frame;
 
