@@ -82,8 +82,8 @@ fn time_of_day(line: &mut Cursor<'_>) -> Parsed<f64> {
 }
 
 fn unix_time(line: &mut Cursor<'_>) -> Parsed<UnixTime> {
-    // Beyond 2^40 s (the year 36812) a double cannot hold microseconds any more.
-    let seconds = line.whole(1 << 40)?;
+    // Beyond 2^33 s (the year 2242) a double cannot hold microseconds any more.
+    let seconds = line.whole(1 << 33)?;
     Ok(UnixTime { seconds, microseconds: line.count(999_999)?, latency: line.count(u32::MAX)? })
 }
 
