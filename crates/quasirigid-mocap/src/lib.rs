@@ -6,12 +6,18 @@
 //! Units are SI: m, s, rad. DTrack's millimetres and degrees stay in [`dtrack`], which mirrors the wire.
 //! Source of everything about DTrack: ART's published format, as the page `docs/mocap.md` of the repository sums it up.
 
+pub mod body_map;
+pub mod calibration;
 pub mod dtrack;
 pub mod error;
 pub mod hand_frame;
+pub mod hands;
 
+pub use body_map::BodyMap;
+pub use calibration::Calibration;
 pub use error::{Error, Result};
 pub use hand_frame::{Finger, FingerPose, HandFrame, PalmPose, ReferenceFrame, Side, Source};
+pub use hands::{HandChoice, HandDecoder};
 
 /// A pose; `pose12` is "2 in the frame of 1".
 pub type Pose = nalgebra::Isometry3<f64>;
