@@ -12,12 +12,14 @@ pub mod dtrack;
 pub mod error;
 pub mod hand_frame;
 pub mod hands;
+pub mod tracking;
 
 pub use body_map::BodyMap;
 pub use calibration::Calibration;
 pub use error::{Error, Result};
 pub use hand_frame::{Finger, FingerPose, HandFrame, PalmPose, ReferenceFrame, Side, Source};
 pub use hands::{HandChoice, HandDecoder};
+pub use tracking::{Delay, HandTargets, HandTracker, Target, TargetState, TrackingOptions};
 
 /// A pose; `pose12` is "2 in the frame of 1".
 pub type Pose = nalgebra::Isometry3<f64>;
