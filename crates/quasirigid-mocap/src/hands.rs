@@ -89,7 +89,7 @@ pub enum HandChoice {
     /// The hand of that side in the line `gl`; the one with the lowest id if there are several.
     Fingertracking(Side),
     /// Bodies of the line `6d`.
-    Bodies(BodyMap),
+    Bodies(Box<BodyMap>),
 }
 
 /// Makes frames of one hand from the packets of one tracker.
@@ -249,7 +249,7 @@ mod tests {
         assert_eq!(packet.calibrated_bodies, Some(7));
         assert_eq!(packet.bodies.as_ref().unwrap().iter().map(|b| b.id).collect::<Vec<_>>(), [2, 3], "the lost finger is not seen");
         let map = BodyMap::parse("thumb=2,index=3,middle=4", Side::Right).unwrap();
-        let got = HandDecoder::new(HandChoice::Bodies(map)).decode(&packet, 0.0).unwrap();
+        let got = HandDecoder::new(HandChoice::Bodies(Box::new(map))).decode(&packet, 0.0).unwrap();
         for k in 0..2 {
             let (a, b) = (wanted.fingers[k].unwrap().tip, got.fingers[k].unwrap().tip);
             assert!((a.translation.vector - b.translation.vector).norm() < 1e-12 && a.rotation.angle_to(&b.rotation) < 1e-7);

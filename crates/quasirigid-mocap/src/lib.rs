@@ -9,16 +9,22 @@
 pub mod body_map;
 pub mod calibration;
 pub mod dtrack;
+pub mod endpoint;
 pub mod error;
 pub mod hand_frame;
 pub mod hands;
+pub mod receiver;
+pub mod statistics;
 pub mod tracking;
 
 pub use body_map::BodyMap;
 pub use calibration::Calibration;
+pub use endpoint::Endpoint;
 pub use error::{Error, Result};
 pub use hand_frame::{Finger, FingerPose, HandFrame, PalmPose, ReferenceFrame, Side, Source};
 pub use hands::{HandChoice, HandDecoder};
+pub use receiver::{Received, Receiver, ReceiverOptions};
+pub use statistics::{Order, Statistics};
 pub use tracking::{Delay, HandTargets, HandTracker, Target, TargetState, TrackingOptions};
 
 /// A pose; `pose12` is "2 in the frame of 1".
