@@ -6,6 +6,7 @@ mod body;
 mod contacts;
 mod conv;
 mod errors;
+mod friction;
 mod grip;
 mod hand;
 mod hand_model;
@@ -25,6 +26,8 @@ mod _quasirigid {
     use crate::body::Body;
     #[pymodule_export]
     use crate::contacts::{ContactStatus, Contacts};
+    #[pymodule_export]
+    use crate::friction::Friction;
     #[pymodule_export]
     use crate::grip::Grip;
     #[pymodule_export]
