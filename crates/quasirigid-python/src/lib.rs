@@ -7,6 +7,7 @@ mod compliance_matrix;
 mod contacts;
 mod conv;
 mod errors;
+mod friction;
 mod grip;
 mod hand;
 mod hand_model;
@@ -28,6 +29,8 @@ mod _quasirigid {
     use crate::compliance_matrix::ComplianceMatrix;
     #[pymodule_export]
     use crate::contacts::{ContactStatus, Contacts};
+    #[pymodule_export]
+    use crate::friction::Friction;
     #[pymodule_export]
     use crate::grip::Grip;
     #[pymodule_export]

@@ -195,7 +195,9 @@ impl<'a> View<'a> {
             return None;
         }
         let area = coupled.iter().map(|c| self.skin_a.surface.tree.nodes[c.node_a as usize].area).fold(0.0, Real::max);
-        let frame: Mat3 = contact_frame(&(self.turn_b * normal), &(self.turn_a * self.skin_a.surface.control.tangents[control_point]));
+        let normal = self.turn_b * normal;
+        let frame = pair.friction.frame(&normal, [&self.turn_a, &self.turn_b]);
+        let frame = frame.unwrap_or_else(|| contact_frame(&normal, &(self.turn_a * self.skin_a.surface.control.tangents[control_point])));
         Some(Contact {
             pair: index,
             body_a: pair.a,

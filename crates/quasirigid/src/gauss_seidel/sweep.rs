@@ -181,7 +181,8 @@ impl<W: Delassus> Run<'_, W> {
                     anderson.restart();
                     extrapolated = false;
                 } else {
-                    extrapolated = anderson.extrapolate(before, self.f, self.mu);
+                    let (w, mu) = (&*self.w, self.mu);
+                    extrapolated = anderson.extrapolate(before, self.f, |i, f| w.diagonal_block(i).feasible(f, mu[i]));
                     last_change = change;
                     if extrapolated && self.force() > LARGEST_FORCE * self.free_force {
                         self.f.copy_from_slice(anderson.last_image(n));
