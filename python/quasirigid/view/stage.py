@@ -15,6 +15,8 @@ TRIES = 50
 """Ports that are tried, one after another, when the first is in use."""
 GRID = 0.01
 """Width of the ground grid's cells, m; every tenth line is stronger."""
+HANDLE = 0.04
+"""Room in the picture for the gizmo above the palm, m."""
 LOCAL = ("127.0.0.1", "localhost", "::1")
 
 
@@ -81,7 +83,7 @@ def place_camera(server: viser.ViserServer, model: SceneModel, positions: FloatA
         if len(body.points) and body.kind != "support"
     ]
     points = np.concatenate(clouds) if clouds else np.array([[0.0, 0.0, 0.0], [0.1, 0.1, 0.1]])
-    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = points.min(axis=0), points.max(axis=0) + np.array([0.0, 0.0, HANDLE])
     middle = 0.5 * (low + high)
     reach = max(0.5 * float(np.linalg.norm(high - low)), 0.02)
     towards = np.array([0.52, -0.80, 0.30])
@@ -91,4 +93,4 @@ def place_camera(server: viser.ViserServer, model: SceneModel, positions: FloatA
     camera.near = 0.005
     camera.far = 20.0
     camera.look_at = middle
-    camera.position = middle + 3.4 * reach * towards
+    camera.position = middle + 3.6 * reach * towards
