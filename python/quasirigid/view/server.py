@@ -18,7 +18,7 @@ from quasirigid.view.panel import ControlPanel, ViewPanel
 from quasirigid.view.play import Play
 from quasirigid.view.plots import Curves
 from quasirigid.view.session import Frame, Session
-from quasirigid.view.stage import LOCAL, PORT, add_ground, open_server, place_camera
+from quasirigid.view.stage import LOCAL, PORT, add_ground, close_server, open_server, place_camera
 from quasirigid.view.tactile import Tactile
 from quasirigid.view.touch import Touch
 
@@ -106,7 +106,7 @@ class LiveView:
         self.session.stop()
         if self._thread.is_alive():
             self._thread.join(timeout=5.0)
-        self.server.stop()
+        close_server(self.server)
 
     def _layers_changed(self) -> None:
         self._redraw = True
@@ -144,7 +144,8 @@ class LiveView:
     def _draw(self, frame: Frame) -> None:
         if frame.generation != self._generation:
             self._build(frame)
-        assert self._drawing is not None and self._touch is not None
+        assert self._drawing is not None
+        assert self._touch is not None
         if self._redraw:
             self._redraw = False
             self._drawing.apply_layers()

@@ -68,7 +68,7 @@ class WorldView:
         """Ends the page; the world stays as it is."""
         self._ended.set()
         self._thread.join(timeout=5.0)
-        self._server.stop()
+        close_server(self._server)
 
     def __enter__(self) -> WorldView:
         return self
