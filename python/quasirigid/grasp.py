@@ -11,7 +11,7 @@ import math
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +84,8 @@ class Taken:
     approach: str
     squeeze: float
     warnings: tuple[str, ...] = ()
+    flat: bool = False
+    """Stands by itself on a small pedestal; whatever else is held by its stand until the fingers have it."""
 
 
 def minimum_jerk(s: float) -> float:
@@ -112,6 +114,24 @@ def take_box(options: GraspOptions) -> Taken:
         width=BOX_SIZE[0],
         approach="from above",
         squeeze=options.squeeze or BOX_SQUEEZE,
+        flat=True,
+    )
+
+
+def take_surface(name: str, surface: Surface, mass: MassProperties, options: GraspOptions, friction: float) -> Taken:
+    """Any object: a grasp is found for it. Raises ``GraspPlanError`` where the hand cannot take it."""
+    plan = plan_grasp(surface.points, surface.normals, mass.centre, friction=max(friction, 0.2))
+    needed = mass.mass * GRAVITY / plan.weight_per_squeeze if plan.weight_per_squeeze > 0.0 else 0.0
+    return Taken(
+        name=name,
+        surface=surface,
+        mass=mass,
+        lowest=float(surface.points[:, 2].min()),
+        hand=np.asarray(plan.rotation),
+        centre=np.asarray(plan.centre),
+        width=plan.width,
+        approach=plan.approach,
+        squeeze=options.squeeze or max(BOX_SQUEEZE, 3.0 * needed),
     )
 
 
@@ -130,27 +150,24 @@ def take_file(options: GraspOptions, friction: float, density: float) -> Taken:
             seed=options.seed,
         )
     surface = Surface.from_points(thing.points, thing.normals, thing.areas)
-    plan = plan_grasp(surface.points, surface.normals, thing.centre_of_mass, friction=max(friction, 0.2))
-    needed = thing.mass * GRAVITY / plan.weight_per_squeeze if plan.weight_per_squeeze > 0.0 else 0.0
-    return Taken(
-        name=thing.name,
-        surface=surface,
-        mass=MassProperties(thing.mass, thing.centre_of_mass, thing.inertia),
-        lowest=float(thing.points[:, 2].min()),
-        hand=np.asarray(plan.rotation),
-        centre=np.asarray(plan.centre),
-        width=plan.width,
-        approach=plan.approach,
-        squeeze=options.squeeze or max(BOX_SQUEEZE, 3.0 * needed),
-        warnings=tuple(thing.warnings),
-    )
+    mass = MassProperties(thing.mass, thing.centre_of_mass, thing.inertia)
+    return replace(take_surface(thing.name, surface, mass, options, friction), warnings=tuple(thing.warnings))
 
 
 class Grasp:
     """A world with a hand, an object and a support, and the script that moves them."""
 
-    def __init__(self, options: GraspOptions) -> None:
-        """Build the world. Raises the errors of ``quasirigid.errors`` for whatever cannot be built."""
+    def __init__(
+        self,
+        options: GraspOptions,
+        *,
+        taken: Taken | None = None,
+        pedestal: tuple[float, float, float] = PEDESTAL,
+        time_budget: float | None = None,
+    ) -> None:
+        """Build the world. ``taken`` is the object if it is neither the box nor from a file, ``pedestal`` (m) what a flat one stands on;
+        ``time_budget`` is that of ``World``. Raises the errors of ``quasirigid.errors`` for whatever cannot be built.
+        """
         options.check()
         self.options = options
         pad = Material.preset("fingertip_pulp").replace(compliance=options.compliance)
@@ -158,13 +175,15 @@ class Grasp:
         if options.friction is not None:
             pad, stuff = pad.replace(friction=options.friction), stuff.replace(friction=options.friction)
         self.friction = math.sqrt(pad.friction * stuff.friction)
-        self.taken = take_box(options) if options.object is None else take_file(options, self.friction, stuff.density)
+        if taken is None:
+            taken = take_box(options) if options.object is None else take_file(options, self.friction, stuff.density)
+        self.taken = taken
 
-        self.world = World(dt=options.dt, gravity=(0.0, 0.0, -GRAVITY), threads=options.threads)
+        self.world = World(dt=options.dt, gravity=(0.0, 0.0, -GRAVITY), threads=options.threads, time_budget=time_budget)
         # A flat box stands on a small pedestal, whatever else on a table.
-        flat = options.object is None
-        support = Surface.box(PEDESTAL, points=2_000) if flat else Surface.half_space(TABLE, points=4_000)
-        self._support_top = np.array([0.0, 0.0, -PEDESTAL[2] / 2 if flat else 0.0])
+        flat = taken.flat
+        support = Surface.box(pedestal, points=2_000) if flat else Surface.half_space(TABLE, points=4_000)
+        self._support_top = np.array([0.0, 0.0, -pedestal[2] / 2 if flat else 0.0])
         rubber = Material.preset("rubber")
         self.support = self.world.add_body(support, rubber, motion="fixed", position=self._support_top, name="support")
         start = np.array([0.0, 0.0, -self.taken.lowest])
@@ -172,7 +191,7 @@ class Grasp:
             self.taken.surface, stuff, mass=self.taken.mass, motion=options.object_motion, position=start, name=self.taken.name
         )
         self._stand = start
-        self._hold_by_stand(1.0)
+        self.hold_by_stand(1.0)
         # The palm sits PAD_DEPTH behind the middle between the pads, along the hand's own z axis.
         self.palm = start + self.taken.centre + PAD_DEPTH * self.taken.hand[:, 2]
         self.turn = quaternion_of(self.taken.hand)
@@ -262,12 +281,12 @@ class Grasp:
         for _ in range(round(DURATIONS["fall"] / self.options.dt)):
             self._step("fall", recorder)
 
-    def _hold_by_stand(self, share: float) -> None:
+    def hold_by_stand(self, share: float) -> None:
         """An object from a file need not stand by itself: until the fingers have it, the support holds it like a stand does.
 
         ``share`` 1 is a stand that gives STAND_GIVES (m) under the object's weight, 0 is none.
         """
-        if self.options.object is None:
+        if self.taken.flat:
             return
         if share <= 0.0:
             self.object.clear_drive()
@@ -280,7 +299,7 @@ class Grasp:
 
     def _lower_support(self, s: float) -> None:
         """The support goes in the first half of the time; in the second half the object comes to rest in the fingers."""
-        self._hold_by_stand(1.0 - minimum_jerk(4.0 * s))
+        self.hold_by_stand(1.0 - minimum_jerk(4.0 * s))
         if s < 0.55:
             # The squeeze is kept up while the load moves from the support to the fingers; then it settles once more and the joint targets freeze.
             self.grip.squeeze = self.taken.squeeze
