@@ -40,6 +40,7 @@ from quasirigid.grasp_plan import GraspPlan, HandGeometry, plan_grasp
 from quasirigid.objects import ObjectGeometry, load_object
 from quasirigid.recording import Column, Recorder, Recording
 from quasirigid.solver import ContactProblem, solve_contacts
+from quasirigid.view import open_view as view
 
 __all__ = [
     "STAGES",
@@ -76,4 +77,5 @@ __all__ = [
     "load_object",
     "plan_grasp",
     "solve_contacts",
+    "view",
 ]

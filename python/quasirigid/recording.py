@@ -99,6 +99,7 @@ class Recorder:
             self._file.swmr_mode = True
         except BaseException:
             self._file.close()
+            self.path.unlink(missing_ok=True)  # half a head is no recording
             raise
 
     def _create(self, column: Column, chunk: int) -> h5py.Dataset:

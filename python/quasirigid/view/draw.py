@@ -39,7 +39,7 @@ class Layers:
     """What is shown."""
 
     object: bool = True
-    object_opacity: float = 0.35
+    object_opacity: float = 0.25
     hand: bool = True
     patches: bool = True
     patch_colours: str = "pressure"
@@ -152,7 +152,7 @@ class SceneDrawing:
             path,
             body.points.astype(np.float32),
             body.faces.astype(np.uint32),
-            color=tuple(round(255 * c) for c in body.colour),
+            color=body.colour,
             opacity=None if opaque else self.layers.object_opacity,
             cast_shadow=False,
             receive_shadow=False,
@@ -212,7 +212,9 @@ class SceneDrawing:
                 mesh.vertices = shape
 
     def _pressure(self, state: SceneState) -> None:
-        self.scale.follow(float(state.contacts.pressures.max(initial=0.0)))
+        contacts = state.contacts
+        on_pads = np.isin(contacts.body_a, self._tips) | np.isin(contacts.body_b, self._tips)
+        self.scale.follow(float(contacts.pressures[on_pads].max(initial=0.0)))
         for tip, pool in self._patches.items():
             patch, moved = patch_of(state, tip), state.moved.get(tip)
             if moved is None or len(patch.points) == 0 or not self.layers.patches:
@@ -236,7 +238,7 @@ class SceneDrawing:
             size = np.linalg.norm(contacts.forces, axis=1)
             loaded = size > 1e-3 * size.max(initial=0.0)
             # On side b, into which fingertips press: the arrows point from the pad into the object.
-            vectors = -contacts.forces[loaded] * (0.007 / max(float(size.max(initial=0.0)), 1e-9))
+            vectors = -contacts.forces[loaded] * (0.005 / max(float(size.max(initial=0.0)), 1e-9))
             slipping = contacts.status[loaded] == SLIP
             colours = np.where(slipping[:, None], rgb(SLIP_COLOUR), rgb(STICK_COLOUR)).astype(np.uint8)
             lines, shades = arrows(contacts.points[loaded], vectors, colours, wings=1)
@@ -247,15 +249,15 @@ class SceneDrawing:
         else:
             self._contact_lines.show(*none)
         if self.layers.finger_forces and self._tips:
-            starts, vectors, colours = [], [], []
+            starts, vectors, shades_of = [], [], []
             for finger, tip in enumerate(self._tips):
                 patch = contacts.reactions[:, 0] * ((contacts.body_a == tip) | (contacts.body_b == tip))
                 if patch.sum() > 0.0:
                     starts.append(patch @ contacts.points / patch.sum())
                     vectors.append(self.layers.force_scale * state.finger_forces[finger])
-                    colours.append(rgb(FINGER_COLOURS[finger % 6]))
+                    shades_of.append(rgb(FINGER_COLOURS[finger % 6]))
             if starts:
-                self._sum_lines.show(*arrows(np.array(starts), np.array(vectors), np.array(colours), wings=2))
+                self._sum_lines.show(*arrows(np.array(starts), np.array(vectors), np.array(shades_of), wings=2))
                 return
         self._sum_lines.show(*none)
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import socket
+from collections.abc import Iterator
 
 import numpy as np
 import viser
@@ -15,6 +18,8 @@ TRIES = 50
 """Ports that are tried, one after another, when the first is in use."""
 GRID = 0.01
 """Width of the ground grid's cells, m; every tenth line is stronger."""
+HANDLE = 0.04
+"""Room in the picture for the gizmo above the palm, m."""
 LOCAL = ("127.0.0.1", "localhost", "::1")
 
 
@@ -26,21 +31,34 @@ def free_port(host: str, port: int) -> int:
         try:
             with socket.create_server((host, candidate), family=socket.AF_INET6 if ":" in host else socket.AF_INET):
                 return candidate
-        except (socket.gaierror, OverflowError) as error:
-            raise InvalidValueError("host", "an address of this machine", host, f"127.0.0.1 serves this machine alone ({error})") from None
+        except (socket.gaierror, OverflowError):
+            raise InvalidValueError("host", "an address of this machine", host, "127.0.0.1 serves this machine alone") from None
         except OSError as error:
             if error.errno in (98, 48, 10048, 13):  # in use (Linux, macOS, Windows), or reserved
                 continue
-            raise InvalidValueError("host", "an address of this machine", host, f"127.0.0.1 serves this machine alone ({error})") from None
+            raise InvalidValueError("host", "an address of this machine", host, "127.0.0.1 serves this machine alone") from None
     raise InvalidValueError("port", f"a free one from {port} to {port + TRIES - 1}", "all in use", "choose another with --port")
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Standard output carries results: what viser prints there is dropped; the address is said on standard error."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        yield
+
+
+def close_server(server: viser.ViserServer) -> None:
+    """Ends a server of ``open_server``."""
+    with _quiet():
+        server.stop()
 
 
 def open_server(host: str, port: int, label: str) -> viser.ViserServer:
     """A server on a free port at or after ``port``, with the page's look set."""
-    server = viser.ViserServer(host=host, port=free_port(host, port), label=label, verbose=False)
-    server.gui.configure_theme(
-        control_layout="fixed", control_width="medium", show_logo=False, show_share_button=False, brand_color=(0, 114, 178)
-    )
+    with _quiet():
+        server = viser.ViserServer(host=host, port=free_port(host, port), label=label, verbose=False)
+    server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
+    server.gui.main_panel.dock_right()
     server.scene.set_up_direction("+z")
     server.scene.configure_default_lights(enabled=False)
     server.scene.configure_environment_map(None)
@@ -81,7 +99,7 @@ def place_camera(server: viser.ViserServer, model: SceneModel, positions: FloatA
         if len(body.points) and body.kind != "support"
     ]
     points = np.concatenate(clouds) if clouds else np.array([[0.0, 0.0, 0.0], [0.1, 0.1, 0.1]])
-    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = points.min(axis=0), points.max(axis=0) + np.array([0.0, 0.0, HANDLE])
     middle = 0.5 * (low + high)
     reach = max(0.5 * float(np.linalg.norm(high - low)), 0.02)
     towards = np.array([0.52, -0.80, 0.30])
@@ -91,4 +109,4 @@ def place_camera(server: viser.ViserServer, model: SceneModel, positions: FloatA
     camera.near = 0.005
     camera.far = 20.0
     camera.look_at = middle
-    camera.position = middle + 3.4 * reach * towards
+    camera.position = middle + 3.6 * reach * towards
