@@ -15,6 +15,7 @@ pub mod hand_frame;
 pub mod hands;
 pub mod receiver;
 pub mod statistics;
+pub mod take;
 pub mod tracking;
 
 pub use body_map::BodyMap;
@@ -25,6 +26,7 @@ pub use hand_frame::{Finger, FingerPose, HandFrame, PalmPose, ReferenceFrame, Si
 pub use hands::{HandChoice, HandDecoder};
 pub use receiver::{Received, Receiver, ReceiverOptions};
 pub use statistics::{Order, Statistics};
+pub use take::{Take, TakePacket, TakeWriter};
 pub use tracking::{Delay, HandTargets, HandTracker, Target, TargetState, TrackingOptions};
 
 /// A pose; `pose12` is "2 in the frame of 1".
