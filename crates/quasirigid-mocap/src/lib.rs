@@ -14,7 +14,9 @@ pub mod error;
 pub mod hand_frame;
 pub mod hands;
 pub mod receiver;
+pub mod replay;
 pub mod statistics;
+pub mod synthetic;
 pub mod take;
 pub mod tracking;
 
@@ -25,6 +27,7 @@ pub use error::{Error, Result};
 pub use hand_frame::{Finger, FingerPose, HandFrame, PalmPose, ReferenceFrame, Side, Source};
 pub use hands::{HandChoice, HandDecoder};
 pub use receiver::{Received, Receiver, ReceiverOptions};
+pub use replay::{Replay, ReplayOptions, ReplayState};
 pub use statistics::{Order, Statistics};
 pub use take::{Take, TakePacket, TakeWriter};
 pub use tracking::{Delay, HandTargets, HandTracker, Target, TargetState, TrackingOptions};
