@@ -215,8 +215,10 @@ impl Script {
                     bytes
                 };
                 let targets = shared.lock().targets.clone();
-                let refused =
-                    targets.iter().filter_map(|target| socket.send_to(bytes, target).err()).filter(|e| is_failure(e.kind())).next_back();
+                let mut refused = None;
+                for target in &targets {
+                    refused = socket.send_to(bytes, target).err().filter(|e| is_failure(e.kind())).or(refused);
+                }
                 let mut state = shared.lock();
                 state.sent += 1;
                 state.latest = state.latest.max(late);

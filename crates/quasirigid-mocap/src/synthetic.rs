@@ -30,16 +30,20 @@ const HEIGHT: f64 = 0.04;
 /// Distance of index and middle finger, m.
 const SPREAD: f64 = 0.024;
 /// Clearance between skin and box before the hand closes, m.
-const OPEN: f64 = 0.012;
+const OPEN: f64 = 0.010;
 /// How far the tracked pads go into the box that is not there, m: springs to the simulated fingertips turn this into force. The thumb
 /// opposes two fingers, so it goes in twice as far.
 const PRESS: (f64, f64) = (0.010, 0.005);
 /// Where the hand comes from, m.
 const REST: Vec3 = Vec3::new(-0.03, -0.12, 0.24);
 /// Palm in the frame between the pads: over the box, fingers forward (+x), back of the hand up.
-const KNUCKLE: Vec3 = Vec3::new(0.001, 0.5 * SPREAD, 0.067);
+const KNUCKLE: Vec3 = Vec3::new(-0.014, 0.5 * SPREAD, 0.067);
 /// Lengths of outer, middle and inner phalanx, m.
-const LENGTHS: [[f64; 3]; 3] = [[0.030, 0.034, 0.046], [0.024, 0.025, 0.042], [0.025, 0.027, 0.045]];
+const LENGTHS: [[f64; 3]; 3] = [[0.030, 0.034, 0.046], [0.024, 0.028, 0.048], [0.026, 0.030, 0.050]];
+
+/// Roots of thumb, index and middle finger in the palm frame, m. That of the thumb is put where a chain that bends in one plane can start from;
+/// a real one has a saddle joint near the wrist.
+const ROOTS: [Vec3; 3] = [Vec3::new(0.036, -0.5 * SPREAD, 0.0), Vec3::new(0.0, 0.0, 0.0), Vec3::new(0.0, -SPREAD, 0.0)];
 
 /// What can be chosen about the take.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -162,8 +166,7 @@ fn dtrack_hand(frame: &HandFrame) -> Hand {
     let palm = frame.palm.map_or_else(Pose::identity, |palm| palm.pose);
     let hand = palm * palm_from_dtrack(frame.side);
     let fingers = frame.fingers.iter().flatten().zip(LENGTHS).enumerate().map(|(k, (finger, lengths))| {
-        // Knuckles of index and middle are side by side; the thumb's lower joint is behind them.
-        let root = [Vec3::new(-0.055, 0.0, -0.02), Vec3::zeros(), Vec3::new(0.0, -SPREAD, 0.0)][k];
+        let root = ROOTS[k];
         let angles = bend(&finger.tip, (palm * nalgebra::Point3::from(root)).coords, lengths);
         let tip = if finger.tracked { placement_from_pose(&(hand.inverse() * finger.tip)) } else { Placement::UNTRACKED };
         HandFinger { tip, tip_radius: 1e3 * finger.pad_radius, lengths: lengths.map(|l| 1e3 * l), angles }
@@ -288,18 +291,18 @@ mod tests {
             let frame = hand_at(t);
             let hand = dtrack_hand(&frame);
             let room = crate::hands::pose_from_placement(&hand.placement);
-            for (k, finger) in hand.fingers.iter().enumerate().skip(1) {
+            for (k, finger) in hand.fingers.iter().enumerate() {
                 let tip = room * crate::hands::pose_from_placement(&finger.tip);
                 let [lo, lm, li] = finger.lengths.map(|l| 1e-3 * l);
                 let outer = tip.rotation;
                 let middle = outer * ry(finger.angles[0]);
                 let inner = middle * ry(finger.angles[1]);
                 let root = tip.translation.vector - outer * Vec3::x() * lo - middle * Vec3::x() * lm - inner * Vec3::x() * li;
-                let knuckle = (frame.palm.unwrap().pose * nalgebra::Point3::new(0.0, -SPREAD * (k as f64 - 1.0), 0.0)).coords;
+                let knuckle = (frame.palm.unwrap().pose * nalgebra::Point3::from(ROOTS[k])).coords;
                 assert!((root - knuckle).norm() < 1e-3, "finger {k} at {t} s: {} m off", (root - knuckle).norm());
                 // Flexion is negative; the last joint of a finger that presses may give way backwards a little.
                 assert!(
-                    finger.angles[0] < 20.0 && finger.angles[1] < -20.0 && finger.angles.iter().all(|&a| a > -120.0),
+                    finger.angles[0] < 10.0 && finger.angles[1] < -20.0 && finger.angles.iter().all(|&a| a > -120.0),
                     "{:?}",
                     finger.angles
                 );
