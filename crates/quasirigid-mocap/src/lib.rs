@@ -14,7 +14,10 @@ pub mod error;
 pub mod hand_frame;
 pub mod hands;
 pub mod receiver;
+pub mod replay;
 pub mod statistics;
+pub mod synthetic;
+pub mod take;
 pub mod tracking;
 
 pub use body_map::BodyMap;
@@ -24,7 +27,9 @@ pub use error::{Error, Result};
 pub use hand_frame::{Finger, FingerPose, HandFrame, PalmPose, ReferenceFrame, Side, Source};
 pub use hands::{HandChoice, HandDecoder};
 pub use receiver::{Received, Receiver, ReceiverOptions};
+pub use replay::{Replay, ReplayOptions, ReplayState};
 pub use statistics::{Order, Statistics};
+pub use take::{Take, TakePacket, TakeWriter};
 pub use tracking::{Delay, HandTargets, HandTracker, Target, TargetState, TrackingOptions};
 
 /// A pose; `pose12` is "2 in the frame of 1".
