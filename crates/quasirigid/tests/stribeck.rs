@@ -100,13 +100,17 @@ fn block_on_a_pulled_spring_sticks_and_slips_as_the_textbook_says() {
     // Block of mass m on a spring of stiffness k whose end moves at V; y: stretch beyond mu_k N / k, v: speed of the block, w = sqrt(k/m). It sticks until y = y_0 = (mu_s - mu_k) N / k. Then
     // dy/dt = V - v and dv/dt = w^2 y, so v = V (1 - cos wt) + w y_0 sin wt, which is zero again at wt = 2 (pi - atan(w y_0 / V)), with y = -y_0. Each cycle therefore
     // lasts 2 y_0 / V + 2 (pi - atan(w y_0 / V)) / w. The stretch is largest and smallest where v = V, in between: y = +-sqrt(y_0^2 + (V/w)^2).
-    // That is the limit of a small Stribeck velocity: with a larger one the block is longer under way to kinetic friction, while the spring is pulled on.
+    // That is the limit of a small Stribeck velocity: with a larger one the block is longer under way to kinetic friction, while the spring is pulled on. With a smaller one
+    // than that the surface is too soft: where mu'(v) p exceeds k tau, its damping, the lightly loaded side of the block runs away on its own and takes the rest along too early.
     let (mu_s, mu_k, m, k, pull) = (0.6, 0.3, 0.1, 40.0_f64, 0.03);
-    let dt = 2e-4;
-    let mut incline = incline(dt, friction(mu_s, mu_k, 1e-5), Motion::Inertial);
+    let dt = 4e-4;
+    let hard = Material::preset("rubber").unwrap().with_elasticity(4e7, 0.45, 5e-3).unwrap();
+    let law = friction(mu_s, mu_k, 1e-4);
+    let mut incline = Incline::new(Parameters { dt, ..Parameters::default() }, &hard, law, Motion::Inertial).unwrap();
+    incline.run(0.1);
     let start = *incline.world.body(incline.block).unwrap().pose();
     let mut stretch = Vec::new();
-    for step in 0..(2.8 / dt) as usize {
+    for step in 0..(2.3 / dt) as usize {
         let end = start.translation.vector + Vec3::x() * (pull * step as Real * dt);
         let mut drive = PoseDrive::new(Pose::from_parts(end.into(), start.rotation), [k, 0.0], [0.0, 0.0]).unwrap();
         drive.target_velocity = Vec6::new(pull, 0.0, 0.0, 0.0, 0.0, 0.0);
@@ -117,11 +121,11 @@ fn block_on_a_pulled_spring_sticks_and_slips_as_the_textbook_says() {
     let normal = m * G;
     // Peaks of the spring force: the moments of slip. The first one starts from rest, the others from the end of a slip.
     let is_peak = |i: &usize| {
-        let around = i.saturating_sub(200)..(i + 200).min(stretch.len());
+        let around = i.saturating_sub(100)..(i + 100).min(stretch.len());
         stretch[around].iter().all(|y| *y <= stretch[*i]) && stretch[*i] > 0.0
     };
-    let peaks: Vec<usize> = (200..stretch.len() - 400).filter(is_peak).collect();
-    assert!(peaks.len() >= 4, "{} slips", peaks.len());
+    let peaks: Vec<usize> = (100..stretch.len() - 100).filter(is_peak).collect();
+    assert!(peaks.len() >= 3, "{} slips", peaks.len());
     let (w, y0) = ((k / m).sqrt(), (mu_s - mu_k) * normal / k);
     let slip_time = 2.0 * (std::f64::consts::PI - (w * y0 / pull).atan()) / w;
     let y_peak = y0.hypot(pull / w);
@@ -132,16 +136,17 @@ fn block_on_a_pulled_spring_sticks_and_slips_as_the_textbook_says() {
         let (peak_truth, drop_truth) = (mu_k * normal + k * y_peak, 2.0 * k * y_peak);
         println!("largest force {peak:.4} N ({peak_truth:.4}), drops by {drop:.4} N ({drop_truth:.4}), period {time:.4} s ({period:.4})");
         assert!((peak / peak_truth - 1.0).abs() < 0.01, "largest force {peak} N against {peak_truth} N");
-        assert!((drop / drop_truth - 1.0).abs() < 0.03, "drops by {drop} N against {drop_truth} N");
-        assert!((time / period - 1.0).abs() < 0.03, "period {time} s against {period} s");
+        assert!((drop / drop_truth - 1.0).abs() < 0.01, "drops by {drop} N against {drop_truth} N");
+        assert!((time / period - 1.0).abs() < 0.01, "period {time} s against {period} s");
     }
 }
 
 #[test]
 fn pinched_box_with_static_above_kinetic_friction_does_not_creep() {
-    for motion in [Motion::Inertial, Motion::QuasiStatic] {
+    for (motion, dt) in [(Motion::Inertial, 1e-3), (Motion::Inertial, 1e-2), (Motion::QuasiStatic, 1e-3), (Motion::QuasiStatic, 1e-2)] {
         let mut options = PinchOptions::fingertips(0.6).unwrap();
         options.motion = motion;
+        options.params.dt = dt;
         options.box_points = (4_800, 640);
         options.pad_points = (900, 120);
         options.pad_material = options.pad_material.with_friction(friction(0.6, 0.2, 1e-3)).unwrap();
@@ -149,8 +154,9 @@ fn pinched_box_with_static_above_kinetic_friction_does_not_creep() {
         let mut pinch = Pinch::new(&options).unwrap();
         // 2 mu_s N = 3.6 N against a weight of 1.96 N; 2 mu_k N = 1.2 N would not hold it.
         pinch.squeeze(3.0).unwrap();
-        for k in 1..=500 {
-            pinch.set_gravity(Vec3::new(0.0, 0.0, -G * k as Real / 500.0)).unwrap();
+        let steps = (0.5 / dt) as usize;
+        for k in 1..=steps {
+            pinch.set_gravity(Vec3::new(0.0, 0.0, -G * k as Real / steps as Real)).unwrap();
             pinch.world.step();
         }
         pinch.run(if motion == Motion::Inertial { 6.0 } else { 1.0 });
@@ -159,9 +165,9 @@ fn pinched_box_with_static_above_kinetic_friction_does_not_creep() {
         let after = pinch.world.body(pinch.object).unwrap().pose();
         let speed = (after.translation.vector - before.translation.vector).norm() / 0.5;
         let spin = before.rotation.angle_to(&after.rotation) / 0.5;
-        println!("{motion:?}: {speed:.1e} m/s, {spin:.1e} rad/s at a height of {:.2e} m", after.translation.z);
-        assert!(after.translation.z > -5e-3, "{motion:?}: the box fell to {} m", after.translation.z);
-        assert!(speed < 1e-9, "{motion:?}: {speed:e} m/s");
-        assert!(spin < 1e-8, "{motion:?}: {spin:e} rad/s");
+        println!("{motion:?} dt {dt}: {speed:.1e} m/s, {spin:.1e} rad/s at a height of {:.2e} m", after.translation.z);
+        assert!(after.translation.z > -5e-3, "{motion:?} dt {dt}: the box fell to {} m", after.translation.z);
+        assert!(speed < 1e-9, "{motion:?} dt {dt}: {speed:e} m/s");
+        assert!(spin < 1e-8, "{motion:?} dt {dt}: {spin:e} rad/s");
     }
 }
