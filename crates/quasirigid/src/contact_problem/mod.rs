@@ -47,6 +47,22 @@ struct RigidRows {
 }
 
 impl ContactProblem {
+    /// `delta_free` (m) and reactions (N) of the problem that is left when viscous drag is taken for a load: a plain Coulomb problem with the same `W` and `mu`, and the same
+    /// displacements. For export; without drag these are those of the step.
+    pub fn coulomb_part(&self) -> (Vec<Vec3>, Vec<Vec3>) {
+        let (mut delta_free, mut reactions) = (self.delta_free.clone(), self.reactions.clone());
+        let dragged = |i: &usize| self.w.diagonal_block(*i).drag() > 0.0;
+        for j in (0..self.len()).filter(dragged) {
+            let delta = self.w.displacement(j) + self.delta_free[j];
+            reactions[j] = self.w.diagonal_block(j).without_drag(&self.reactions[j], &delta);
+            let drag = self.reactions[j] - reactions[j];
+            for (i, free) in delta_free.iter_mut().enumerate() {
+                *free += self.w.block(i, j) * drag;
+            }
+        }
+        (delta_free, reactions)
+    }
+
     /// Slip of contact `i` over the step, m: the tangential displacement of the two material points against each other. Exactly 0 where it sticks.
     pub fn slip(&self, i: usize, contact: &Contact) -> Real {
         if self.status[i] == ContactStatus::Stick {
