@@ -11,6 +11,7 @@ True
 from quasirigid._quasirigid import (
     STAGES,
     Body,
+    ComplianceMatrix,
     Contacts,
     ContactSolution,
     ContactStatus,
@@ -45,6 +46,7 @@ __all__ = [
     "STAGES",
     "Body",
     "Column",
+    "ComplianceMatrix",
     "ContactProblem",
     "ContactSolution",
     "ContactStatus",

@@ -82,6 +82,9 @@ class Surface:
     def control_points(self) -> FloatArray:
         """(m, 3) m, body frame."""
     @property
+    def control_normals(self) -> FloatArray:
+        """(m, 3) unit outward normals at the control points, body frame."""
+    @property
     def control_areas(self) -> FloatArray:
         """(m,) m^2; the sum is ``area``."""
     @property
@@ -173,6 +176,30 @@ class Friction:
         """The coefficient along ``direction`` at a slip speed (m/s), without the viscous part."""
 
 @final
+class ComplianceMatrix:
+    """A compliance of your own over the control points of one surface: a finite-element model condensed to its surface, say.
+
+    Give it to ``Material.replace(compliance=...)``. A material with it is good for that surface only.
+    """
+
+    def __init__(self, matrix: npt.ArrayLike) -> None:
+        """``matrix`` (3m, 3m) m/N: displacement of every control point under a unit force at each. Row and column ``3 i + k`` are axis ``k``
+        (x, y, z of the body frame) of ``Surface.control_points[i]``.
+
+        It must be symmetric (within 1e-8 of its largest entry; the symmetric part is kept) and positive semidefinite (no eigenvalue below -1e-9 of
+        that entry); to check takes about two seconds for 1,000 control points, and milliseconds for 100. Raises ``InvalidShapeError`` or
+        ``InvalidValueError``, which say what was found.
+        """
+    @property
+    def matrix(self) -> FloatArray:
+        """(3m, 3m) m/N, as it is used."""
+    @property
+    def asymmetry(self) -> float:
+        """Largest difference between an entry and its mirror image that was found, over the largest entry."""
+    def __len__(self) -> int:
+        """Number of control points ``m``."""
+
+@final
 class Material:
     """What a surface is made of. Immutable; ``replace`` gives a changed copy."""
 
@@ -192,9 +219,13 @@ class Material:
         poisson_ratio: float | None = None,
         layer_thickness: float | None = None,
         relaxation_time: float | None = None,
-        compliance: Compliance | None = None,
+        compliance: Compliance | ComplianceMatrix | npt.ArrayLike | None = None,
     ) -> Material:
-        """A copy with the fields given changed. Raises ``InvalidValueError`` for a figure no material has."""
+        """A copy with the fields given changed. Raises ``InvalidValueError`` for a figure no material has.
+
+        ``compliance`` is ``"local"``, ``"half-space"``, or a matrix of your own for one surface: see ``ComplianceMatrix``. Young's modulus,
+        Poisson's ratio and layer thickness have no effect on a matrix.
+        """
     @property
     def name(self) -> str: ...
     @property
@@ -219,8 +250,11 @@ class Material:
     def relaxation_time(self) -> float:
         """Viscoelastic time constant of the surface, s."""
     @property
-    def compliance(self) -> Compliance:
-        """``"local"`` (Gaussian, Le Garrec et al. 2006) or ``"half-space"`` (Boussinesq and Cerruti)."""
+    def compliance(self) -> Literal["local", "half-space", "matrix"]:
+        """``"local"`` (Gaussian, Le Garrec et al. 2006), ``"half-space"`` (Boussinesq and Cerruti) or ``"matrix"`` (your own)."""
+    @property
+    def compliance_matrix(self) -> ComplianceMatrix | None:
+        """The matrix, where ``compliance`` is ``"matrix"``."""
 
 @final
 class HandModel:
@@ -260,6 +294,16 @@ class Body:
     @property
     def mass(self) -> float:
         """kg; 0 for a fixed body."""
+    @property
+    def surface(self) -> Surface | None:
+        """The surface at rest, body frame."""
+    @property
+    def material(self) -> Material | None:
+        """What the surface is made of. Settable: holds from the next step on, what is elastically displaced stays so."""
+    @material.setter
+    def material(self, value: Material) -> None: ...
+    def set_mass(self, mass: MassProperties | float) -> None:
+        """Another mass, as in ``World.add_body``; pose and velocities stay. Raises ``InvalidValueError`` for a fixed body."""
     @property
     def position(self) -> FloatArray:
         """Origin of the body frame, (3,) m, world."""
@@ -306,6 +350,8 @@ class Body:
 
     def deformed_normals(self) -> FloatArray:
         """Outward unit normals of the deformed points, (n, 3), world. Computed when asked for: a step does not need them."""
+    def moved_points(self) -> tuple[npt.NDArray[np.uint32], FloatArray]:
+        """The points of the surface that are displaced: their indices (k,) and where they are, (k, 3) m, body frame."""
     def displacements(self) -> FloatArray:
         """Elastic displacement ``u`` at the control points, (m, 3) m, body frame."""
 
@@ -362,6 +408,15 @@ class Hand:
 
     def deformed_normals(self, finger: int) -> FloatArray:
         """Outward unit normals of the deformed points of a fingertip, (n, 3), world."""
+    def moved_points(self, finger: int) -> tuple[npt.NDArray[np.uint32], FloatArray]:
+        """The displaced points of a fingertip: their indices (k,) and where they are, (k, 3) m, frame of its last link."""
+    def surface(self, finger: int) -> Surface | None:
+        """A fingertip at rest, frame of its last link."""
+    @property
+    def material(self) -> Material | None:
+        """What the fingertips are made of. Settable: holds from the next step on."""
+    @material.setter
+    def material(self, value: Material) -> None: ...
     def displacements(self, finger: int) -> FloatArray:
         """Elastic displacement ``u`` at the control points of the fingertip, (m, 3) m, frame of its link."""
     def grip(
@@ -591,7 +646,15 @@ class World:
         """s."""
     @property
     def gravity(self) -> FloatArray:
-        """(3,) m/s^2."""
+        """(3,) m/s^2. Settable: holds from the next step on."""
+    @gravity.setter
+    def gravity(self, value: npt.ArrayLike) -> None: ...
+    @property
+    def bodies(self) -> list[Body]:
+        """The rigid bodies, in the order in which contacts count them."""
+    @property
+    def hands(self) -> list[Hand]:
+        """The hands, in the order in which they were added."""
     @property
     def friction_rule(self) -> FrictionRule: ...
     @property

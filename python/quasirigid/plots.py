@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from quasirigid.palette import FINGER_COLOURS
 from quasirigid.summary import Columns, FloatArray, Phase, creep, moved, phases, pose_in, settled
 
-FINGER_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 INK, MUTED, BAND = "#222222", "#666666", "#F1F1EF"
 SLIP = 2
 STYLE: dict[str, Any] = {"fontsize": 9, "color": INK}

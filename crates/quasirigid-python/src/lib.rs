@@ -3,6 +3,7 @@
 //! Docstrings live in `python/quasirigid/_quasirigid.pyi`, where editors and type checkers read them.
 
 mod body;
+mod compliance_matrix;
 mod contacts;
 mod conv;
 mod errors;
@@ -24,6 +25,8 @@ use pyo3::prelude::*;
 mod _quasirigid {
     #[pymodule_export]
     use crate::body::Body;
+    #[pymodule_export]
+    use crate::compliance_matrix::ComplianceMatrix;
     #[pymodule_export]
     use crate::contacts::{ContactStatus, Contacts};
     #[pymodule_export]

@@ -21,6 +21,7 @@ pub mod scenes;
 pub mod surface;
 pub mod workspace;
 pub mod world;
+mod world_edit;
 mod world_friction;
 
 mod step;

@@ -19,6 +19,10 @@ pub struct Parameters {
     /// `delta_c` of the paper: contacts up to this gap enter the problem, m. Default 2e-4. Too small and a neighbour that is pushed into
     /// contact during the solve is missed for one step; too large and the solver drags contacts that stay open.
     pub contact_margin: Real,
+    /// Speed at which an overlap that a step finds at its start is pushed apart, m/s. Default 0.02. Surfaces that touch do not overlap, however hard they press: this is
+    /// for bodies that were put into each other. The gap that the solver sees is cut at this speed times `dt`, so that what is pushed out leaves at about this speed
+    /// instead of overlap over `dt`. Lower is gentler and takes longer; infinity removes any overlap in one step, and throws apart what was in it.
+    pub push_out_speed: Real,
     /// Sphere tests that collision may spend in a step. Default: no limit worth the name (10 million). When it is spent the traversal stops at the level it has
     /// reached and the report says `coarse`: patches are then made of fewer, larger contacts.
     pub traversal_budget: usize,
@@ -55,6 +59,7 @@ impl Default for Parameters {
             dt: 1e-3,
             gravity: Vec3::new(0.0, 0.0, -9.81),
             contact_margin: 2e-4,
+            push_out_speed: 0.02,
             traversal_budget: 10_000_000,
             traversal_slack: 2e-4,
             projection_tolerance: 1e-10,
@@ -76,6 +81,9 @@ impl Parameters {
         check_positive("dt", self.dt, "s")?;
         check_finite("gravity", self.gravity.iter())?;
         check_non_negative("contact_margin", self.contact_margin, "m")?;
+        if self.push_out_speed.is_nan() || self.push_out_speed <= 0.0 {
+            return Err(Error::value("push_out_speed", "> 0 m/s, or infinity", self.push_out_speed, "0.02 is the default"));
+        }
         check_non_negative("traversal_slack", self.traversal_slack, "m")?;
         check_non_negative("projection_slack", self.projection_slack, "m")?;
         check_positive("projection_tolerance", self.projection_tolerance, "m")?;

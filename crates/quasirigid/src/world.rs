@@ -1,7 +1,7 @@
 //! The state of a simulation: bodies, hands, what pairs remember, parameters.
 
 use crate::body::friction_table::FrictionTable;
-use crate::body::{Body, BodyEntry, Finger, HandModel, Material, Motion, RigidBody, Skin};
+use crate::body::{Body, BodyEntry, ComplianceModel, Finger, HandModel, Material, Motion, RigidBody, Skin};
 use crate::collision::{Contact, Pair};
 use crate::contact_problem::ContactProblem;
 use crate::error::{Error, Result};
@@ -22,6 +22,12 @@ pub struct BodyHandle {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct HandHandle {
     index: u32,
+}
+
+impl HandHandle {
+    pub(crate) fn of(index: usize) -> Self {
+        Self { index: index as u32 }
+    }
 }
 
 /// A hand: fingers on a common base.
@@ -119,12 +125,9 @@ impl World {
     /// Adds a rigid body, with a surface if it is to touch anything.
     ///
     /// # Errors
-    /// [`Error::InvalidValue`] for a material whose fields were changed to what [`Material::check`] refuses.
+    /// What [`Material::check_for`] refuses: a field out of range, a compliance matrix for other control points.
     pub fn add_body(&mut self, body: RigidBody, skin: Option<(Arc<Surface>, Material)>) -> Result<BodyHandle> {
-        if let Some((_, material)) = &skin {
-            material.check()?;
-        }
-        let skin = skin.map(|(surface, material)| Skin::new(surface, material));
+        let skin = skin.map(|(surface, material)| Skin::new(surface, material)).transpose()?;
         Ok(self.add_entry(BodyEntry { body: Body::Rigid(body), skin, skin_link: 0, hand: None, quarantined: false }))
     }
 
@@ -143,12 +146,20 @@ impl World {
     ) -> Result<HandHandle> {
         check_pose("base pose", &base)?;
         material.check()?;
+        if matches!(material.model, ComplianceModel::Matrix(_)) {
+            return Err(Error::value(
+                "material of a hand",
+                "local or half-space compliance",
+                "a compliance matrix",
+                "a matrix is for one surface, a hand has a pad on every finger: add pads as bodies of their own",
+            ));
+        }
         let handle = HandHandle { index: self.hands.len() as u32 };
         let mut fingers = Vec::with_capacity(model.fingers().len());
         for (finger, tip) in model.instantiate(base, motion)?.into_iter().zip(model.tips()) {
             let link = finger.model().dof() - 1;
             let pad = Arc::new(Surface::build(surface.clone().transformed(&tip.pose)?, control_points)?);
-            let skin = Some(Skin::new(pad, material.clone()));
+            let skin = Some(Skin::new(pad, material.clone())?);
             let entry = BodyEntry { body: Body::Finger(finger), skin, skin_link: link, hand: Some(handle.index), quarantined: false };
             fingers.push(self.add_entry(entry));
         }

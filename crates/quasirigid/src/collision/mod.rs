@@ -5,10 +5,12 @@
 //! after the free motion, a body at rest would be compared with a place where it never is, and the mismatch of second order would be a creep.
 
 mod broad_phase;
+mod deep;
 mod pair;
 mod projection;
 mod traversal;
 
+pub(crate) use pair::counts_as_rigid;
 pub use pair::{Pair, PatchSide};
 pub use projection::Remembered;
 pub use traversal::{Coupled, Coupling};
@@ -39,6 +41,8 @@ pub struct Contact {
     pub frame: Mat3,
     /// Gap between the deformed surfaces at the start of the step, m; > 0 means apart.
     pub gap: Real,
+    /// The gap that the solver gets, m: `gap`, but for an overlap, which is pushed apart no faster than [`Parameters::push_out_speed`].
+    pub solved_gap: Real,
     /// Area that the contact stands for, m^2: the control point's, or its node's when the traversal stopped early.
     pub area: Real,
     /// Where it is projected to: on the undeformed surface of `b`, frame of the link of `b`, m.

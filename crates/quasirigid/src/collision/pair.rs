@@ -87,6 +87,16 @@ impl Pair {
         self.beyond.displacement[control_point] + weights.iter().map(|(c, w)| self.side_b.displacement[c] * w).sum::<Vec3>()
     }
 
+    /// The compliance of one of the two is another from now on; the displacements stay, but those of a `b` that counts as rigid.
+    pub(crate) fn compliance_changed(&mut self, rigid_b: bool) {
+        self.rigid_b = rigid_b;
+        self.elastic = ElasticRows::default();
+        if rigid_b {
+            self.side_b.clear();
+            self.beyond.clear();
+        }
+    }
+
     /// Replaces the friction. Slip speeds start from rest if they were not remembered before.
     pub(crate) fn set_friction(&mut self, friction: PairFriction) {
         self.friction = friction;
@@ -97,6 +107,14 @@ impl Pair {
     pub fn is_idle(&self) -> bool {
         self.loaded.is_empty() && [&self.side_a, &self.side_b, &self.beyond].iter().all(|side| side.active.is_empty())
     }
+}
+
+/// Whether `b` is so much stiffer than `a` that it counts as rigid where they touch.
+pub(crate) fn counts_as_rigid(skin_a: &Skin, skin_b: &Skin, params: &Parameters) -> bool {
+    // Under a uniform pressure over what one control point of `a` stands for.
+    let patch = skin_a.surface.control.spacing.powi(2);
+    let gives = |skin: &Skin| skin.compliance.give(&skin.surface.control, patch);
+    gives(skin_a) > params.rigid_beyond * gives(skin_b)
 }
 
 /// Marks the pairs that are near and adds those that are new, keeping the list sorted by body indices.
@@ -112,9 +130,6 @@ pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[
             Err(place) => {
                 let (skin_a, skin_b) = if finer_first { (skin_i, skin_j) } else { (skin_j, skin_i) };
                 let (count_a, count_b) = (skin_a.surface.control.len(), skin_b.surface.control.len());
-                // Under a uniform pressure over what one control point of `a` stands for.
-                let patch = skin_a.surface.control.spacing.powi(2);
-                let gives = |skin: &Skin| skin.compliance.give(&skin.surface.control, patch);
                 let Some(friction) = table.pair(bodies, a, b, params.friction_rule) else { continue };
                 let mut pair = Pair {
                     a,
@@ -125,7 +140,7 @@ pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[
                     loaded: Vec::with_capacity(count_a.min(512)),
                     side_a: PatchSide::new(count_a),
                     side_b: PatchSide::new(count_b),
-                    rigid_b: gives(skin_a) > params.rigid_beyond * gives(skin_b),
+                    rigid_b: counts_as_rigid(skin_a, skin_b, params),
                     beyond: PatchSide::new(count_a),
                     friction,
                     slip_speed: Vec::new(),

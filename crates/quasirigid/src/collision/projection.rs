@@ -14,6 +14,9 @@ use std::ops::Range;
 /// A projection farther from the nearest sample than this many leaf gaps (half the distance to a close neighbour) has left the border of its leaf.
 const BORDER_GAPS: Real = 1.5;
 
+/// A control point that lies this many leaf gaps under the other surface lies deeper than contact goes.
+const DEEP: Real = 1.0;
+
 /// Most steps of a projection; two or three are usual.
 const MOST_PROJECTIONS: u32 = 10;
 
@@ -29,6 +32,8 @@ pub struct Remembered {
     holds_for: Real,
     /// What was found there.
     surface: Seen,
+    /// Whether it lies inside the other body by more than contact does, see [`super::deep`].
+    deep: bool,
 }
 
 /// The other surface as a control point sees it.
@@ -44,7 +49,7 @@ enum Seen {
 
 impl Default for Remembered {
     fn default() -> Self {
-        Self { x: Vec3::zeros(), holds_for: -1.0, surface: Seen::Nothing }
+        Self { x: Vec3::zeros(), holds_for: -1.0, surface: Seen::Nothing, deep: false }
     }
 }
 
@@ -118,6 +123,7 @@ pub(super) fn project_control_points(
             let new = learnt.next_if(|(due, _)| due.pair == index as u32 && due.coupled.start == start);
             let projected = new.is_some();
             if let Some((_, new)) = new {
+                pair.coupling.deep |= new.deep;
                 pair.remembered[control_point] = new;
             }
             contacts.extend(view.contact(pair, index as u32, &pair.coupling.coupled[coupled], projected));
@@ -206,6 +212,7 @@ impl<'a> View<'a> {
             point: self.turn_b * x + self.shift_b,
             frame,
             gap,
+            solved_gap: gap.max(-self.params.push_out_speed * self.params.dt),
             area,
             foot: *foot,
             weights_b: *weights,
@@ -217,14 +224,18 @@ impl<'a> View<'a> {
     fn project(&self, pair: &Pair, due: &Due) -> Remembered {
         let (x, coupled) = (&due.x, &pair.coupling.coupled[due.coupled.start as usize..due.coupled.end as usize]);
         let control_point = coupled[0].control_point as usize;
-        let nothing = |holds_for: Real| Remembered { x: *x, holds_for, surface: Seen::Nothing };
+        let nothing = |holds_for: Real| Remembered { x: *x, holds_for, surface: Seen::Nothing, deep: false };
         let (params, surface) = (self.params, &self.skin_b.surface);
         let normal_a = self.turn_ba * self.skin_a.surface.control.normals[control_point];
-        let Some((node_b, nearest)) = nearest_node(coupled, self.skin_b, x, &normal_a) else { return nothing(-1.0) };
+        let Some((node_b, nearest)) = nearest_node(coupled, self.skin_b, x, &normal_a) else {
+            return Remembered { deep: is_deep(coupled, self.skin_b, x), ..nothing(-1.0) };
+        };
         let leaf_b = surface.tree.nodes[node_b as usize].representative as usize;
-        let border = Border::of(self.skin_b, node_b, x);
         // The plane of the nearest point is off by far less than a leaf gap: most control points can be told to be apart without a projection.
         let plane_gap = surface.normals[nearest].dot(&(x - surface.points[nearest] - pair.side_b.displacement[leaf_b]));
+        // The border is that of where the projection goes: deep inside, far from `x`.
+        let goal = if plane_gap < -surface.kernel.cutoff() { x - surface.normals[nearest] * plane_gap } else { *x };
+        let border = Border::of(self.skin_b, node_b, &goal);
         let clear = plane_gap - params.contact_margin - border.gap;
         if clear > due.approach {
             return nothing(clear.min(params.traversal_slack));
@@ -252,7 +263,7 @@ impl<'a> View<'a> {
         }
         let weights = if pair.rigid_b { Weights::none() } else { surface.control_weights(&q.point, &q.normal, leaf_b) };
         let surface = Seen::Foot { foot: q.point, normal: q.normal, weights };
-        Remembered { x: *x, holds_for: params.projection_slack, surface }
+        Remembered { x: *x, holds_for: params.projection_slack, surface, deep: plane_gap < -DEEP * border.gap }
     }
 }
 
@@ -285,6 +296,16 @@ fn nearest_node(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_a: &Vec3) -
 
 /// Whether `x` lies outside, as the nearest point of all coupled nodes sees it, facing or not.
 fn is_outside(coupled: &[Coupled], skin_b: &Skin, x: &Vec3) -> bool {
+    height_over_nearest(coupled, skin_b, x).is_some_and(|height| height > 0.0)
+}
+
+/// Whether `x` lies inside, deeper than contact goes, likewise.
+fn is_deep(coupled: &[Coupled], skin_b: &Skin, x: &Vec3) -> bool {
+    height_over_nearest(coupled, skin_b, x).is_some_and(|height| height < -DEEP * skin_b.surface.spacing)
+}
+
+/// Height of `x` over the tangent plane of the nearest point of all coupled nodes, facing or not, m.
+fn height_over_nearest(coupled: &[Coupled], skin_b: &Skin, x: &Vec3) -> Option<Real> {
     let surface = &skin_b.surface;
     let points = coupled.iter().flat_map(|c| {
         let node = &surface.tree.nodes[c.node_b as usize];
@@ -293,7 +314,7 @@ fn is_outside(coupled: &[Coupled], skin_b: &Skin, x: &Vec3) -> bool {
     });
     let distance2 = |k: &usize| (surface.points[*k] - x).norm_squared();
     let nearest = points.min_by(|i, j| distance2(i).total_cmp(&distance2(j)));
-    nearest.is_some_and(|k| surface.normals[k].dot(&(x - surface.points[k])) > 0.0)
+    nearest.map(|k| surface.normals[k].dot(&(x - surface.points[k])))
 }
 
 /// Points that decide where the surface is: those of the coupled leaf and of its border; of an inner node its sample.

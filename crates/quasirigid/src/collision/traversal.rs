@@ -3,7 +3,7 @@
 //! Breadth-first, so that a traversal that runs out of budget has gone equally deep everywhere: what is left in the queue is coupled at the
 //! level reached, inner nodes standing for what lies below them (time-critical collision, Klein and Zachmann).
 
-use super::Pair;
+use super::{Pair, deep};
 use crate::body::BodyEntry;
 use crate::math::{Mat3, Pose, Real, Vec3};
 use crate::params::Parameters;
@@ -28,6 +28,10 @@ pub struct Coupling {
     pub coupled: Vec<Coupled>,
     /// Margin by which the spheres were inflated, m; negative: nothing found yet.
     margin: Real,
+    /// Whether control points were seen inside the other body, deeper than contact goes: those that the trees do not reach are then looked for, too.
+    pub(super) deep: bool,
+    /// Whether they were looked for since the nodes were found.
+    searched: bool,
     /// Pose of `a` in the frame of `b`, and how far the two surfaces had deformed, when they were found.
     pose_ba: Pose,
     travel: Real,
@@ -36,7 +40,7 @@ pub struct Coupling {
 impl Default for Coupling {
     /// Nothing found yet.
     fn default() -> Self {
-        Self { coupled: Vec::new(), margin: -1.0, pose_ba: Pose::identity(), travel: 0.0 }
+        Self { coupled: Vec::new(), margin: -1.0, deep: false, searched: false, pose_ba: Pose::identity(), travel: 0.0 }
     }
 }
 
@@ -46,6 +50,7 @@ pub(super) struct Traversal {
     tests: usize,
     queue: Vec<(u32, u32)>,
     nodes_a: Vec<u32>,
+    stack: Vec<u32>,
 }
 
 impl Traversal {
@@ -71,11 +76,12 @@ pub(super) fn traverse(out: &mut Traversal, pair: &mut Pair, bodies: &[BodyEntry
     let moved = (pose_ba * Point3::from(root.center) - old * Point3::from(root.center)).norm()
         + old.rotation.angle_to(&pose_ba.rotation) * root.radius
         + (travel - coupling.travel);
-    if needed + moved <= coupling.margin {
+    if needed + moved <= coupling.margin && (coupling.searched || !coupling.deep) {
         return;
     }
     let margin = needed + params.traversal_slack;
-    *coupling = Coupling { coupled: std::mem::take(&mut coupling.coupled), margin, pose_ba, travel };
+    *coupling =
+        Coupling { coupled: std::mem::take(&mut coupling.coupled), margin, deep: coupling.deep, searched: coupling.deep, pose_ba, travel };
     coupling.coupled.clear();
     let out_coupled = &mut coupling.coupled;
     let mut coarse = false;
@@ -120,6 +126,17 @@ pub(super) fn traverse(out: &mut Traversal, pair: &mut Pair, bodies: &[BodyEntry
         // What a spent budget left coarse is looked at again in the next step.
         coupling.margin = -1.0;
         out.coarse = true;
+        return;
+    }
+    let control = &skin_a.surface.control;
+    let place = |c: usize| (turn * (control.points[c] + pair.side_a.displacement[c]) + shift, turn * control.normals[c]);
+    if out_coupled.is_empty() && !coupling.deep {
+        // Near, and no surface near the other: apart, or one inside the other.
+        coupling.deep = deep::depth_inside(&mut out.stack, &skin_b.surface, &place(0).0).is_some();
+        coupling.searched = coupling.deep;
+    }
+    if coupling.deep {
+        coupling.deep = deep::couple_swallowed(&mut out.stack, &mut coupling.coupled, &tree_a.leaves, &skin_b.surface, place);
     }
 }
 

@@ -39,6 +39,9 @@ const FULL_DAMPING: Real = 1.0;
 /// Smallest damping; below it the term is lost in rounding.
 const LEAST_DAMPING: Real = 1e-12;
 
+/// The same for exact steps, which without it would go anywhere along forces that do nothing.
+const LEAST_DIRECT_DAMPING: Real = 1e-9;
+
 /// Step lengths tried.
 const LENGTHS: [Real; 5] = [1.0, 0.5, 0.25, 0.1, 0.03];
 
@@ -54,6 +57,8 @@ pub(super) struct Newton {
     /// Reactions before the step, N.
     before: Vec<Vec3>,
     damping: Real,
+    /// Whether [`Delassus::solve_directly`] is asked before GMRES.
+    pub(super) direct: bool,
 }
 
 impl Newton {
@@ -103,7 +108,7 @@ impl Newton {
         let (_, length) = best;
         self.place(w, f, length);
         if length == 1.0 {
-            self.damping = (0.1 * self.damping).max(LEAST_DAMPING);
+            self.damping = (0.1 * self.damping).max(if self.direct { LEAST_DIRECT_DAMPING } else { LEAST_DAMPING });
         } else if length < 0.2 {
             self.damping = (10.0 * self.damping).min(FULL_DAMPING);
         }
@@ -139,6 +144,14 @@ impl Newton {
         let length = norm(&self.basis[..n]);
         if !(length > 0.0 && length.is_finite()) {
             return;
+        }
+        if self.direct {
+            let diagonal: Vec<Mat3> = (0..n).map(|i| Mat3::identity() - self.slopes[i] * w.diagonal_block(i).matrix()).collect();
+            self.step[..n].copy_from_slice(&self.basis[..n]);
+            if w.solve_directly(&self.slopes[..n], &diagonal, &mut self.step[..n]) {
+                return;
+            }
+            self.step[..n].fill(Vec3::zeros());
         }
         scale(&mut self.basis[..n], 1.0 / length);
         // Column k of the Hessenberg matrix, turned upper triangular by the rotations; `rest` is the right-hand side turned along.

@@ -200,6 +200,7 @@ impl<W: Delassus> Run<'_, W> {
     fn step_until_done(&mut self, scratch: &mut Scratch) -> SolveReport {
         let Scratch { newton, before, .. } = scratch;
         newton.restart();
+        newton.direct = self.parameters.measure == Measure::AsGiven;
         let tolerance = self.parameters.tolerance;
         // A feasible state to come back to, should the steps lead nowhere before time is up. The sweep makes it one: an extrapolation may have come last.
         self.sweep();
