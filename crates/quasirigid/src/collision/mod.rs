@@ -11,7 +11,7 @@ mod projection;
 mod traversal;
 
 pub(crate) use pair::counts_as_rigid;
-pub use pair::{Pair, PatchSide};
+pub use pair::{Afar, Pair, PatchSide};
 pub use projection::Remembered;
 pub use traversal::{Coupled, Coupling};
 
