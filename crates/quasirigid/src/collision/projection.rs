@@ -1,12 +1,12 @@
 //! Control points of coupled leaves, projected on the other surface (design 3.2, points 3 to 5).
 
+use super::coarse::area_in_contact;
 use super::{Contact, Coupled, Pair};
 use crate::body::{BodyEntry, Skin};
 use crate::free_motion::FreeMotion;
 use crate::math::{Mat3, Pose, Real, Vec3, contact_frame};
 use crate::params::Parameters;
 use crate::surface::Weights;
-use crate::surface::kernel::Kernel;
 use crate::surface::moving_least_squares::{FACES, project};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -200,7 +200,14 @@ impl<'a> View<'a> {
         if gap + normal.dot(&approach).min(0.0) > self.params.contact_margin {
             return None;
         }
-        let area = coupled.iter().map(|c| self.skin_a.surface.tree.nodes[c.node_a as usize].area).fold(0.0, Real::max);
+        // Larger than its own where a spent budget left it to stand for others.
+        let height = |p: &Vec3| normal.dot(&(self.turn_ba * p + self.shift_ba - foot));
+        let node = &self.skin_a.surface.tree.nodes[coupled[0].node_a as usize];
+        let area = if node.children.is_none() {
+            node.area
+        } else {
+            area_in_contact(&self.skin_a.surface, node, control_point, self.params.contact_margin, height)
+        };
         let frame: Mat3 = contact_frame(&(self.turn_b * normal), &(self.turn_a * self.skin_a.surface.control.tangents[control_point]));
         Some(Contact {
             pair: index,
@@ -228,7 +235,7 @@ impl<'a> View<'a> {
         let Some((node_b, nearest)) = nearest_node(coupled, self.skin_b, x, &normal_a) else {
             return Remembered { deep: is_deep(coupled, self.skin_b, x), ..nothing(-1.0) };
         };
-        let leaf_b = surface.tree.nodes[node_b as usize].representative as usize;
+        let leaf_b = surface.tree.nodes[node_b as usize].first_leaf as usize;
         // The plane of the nearest point is off by far less than a leaf gap: most control points can be told to be apart without a projection.
         let plane_gap = surface.normals[nearest].dot(&(x - surface.points[nearest] - pair.side_b.displacement[leaf_b]));
         // The border is that of where the projection goes: deep inside, far from `x`.
@@ -243,7 +250,7 @@ impl<'a> View<'a> {
             &surface.points,
             &surface.normals,
             border.ranges(),
-            &border.kernel,
+            &surface.kernel,
             Some(&normal_a),
             params.projection_tolerance,
             MOST_PROJECTIONS,
@@ -283,11 +290,7 @@ fn nearest_node(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_a: &Vec3) -
                 best = Some((distance2, c.node_b, k));
             }
         };
-        if node.children.is_none() {
-            node.points().for_each(look);
-        } else {
-            (0..node.sample_len()).map(|k| node.sample(k)).for_each(&mut look);
-        }
+        node.points().for_each(&mut look);
     }
     best.map(|(_, node, point)| (node, point))
 }
@@ -305,21 +308,16 @@ fn is_deep(coupled: &[Coupled], skin_b: &Skin, x: &Vec3) -> bool {
 /// Height of `x` over the tangent plane of the nearest point of all coupled nodes, facing or not, m.
 fn height_over_nearest(coupled: &[Coupled], skin_b: &Skin, x: &Vec3) -> Option<Real> {
     let surface = &skin_b.surface;
-    let points = coupled.iter().flat_map(|c| {
-        let node = &surface.tree.nodes[c.node_b as usize];
-        let count = if node.children.is_none() { node.point_count as usize } else { node.sample_len() };
-        (0..count).map(move |k| if node.children.is_none() { node.first_point as usize + k } else { node.sample(k) })
-    });
+    let points = coupled.iter().flat_map(|c| surface.tree.nodes[c.node_b as usize].points());
     let distance2 = |k: &usize| (surface.points[*k] - x).norm_squared();
     let nearest = points.min_by(|i, j| distance2(i).total_cmp(&distance2(j)));
     nearest.map(|k| surface.normals[k].dot(&(x - surface.points[k])))
 }
 
-/// Points that decide where the surface is: those of the coupled leaf and of its border; of an inner node its sample.
+/// Points that decide where the surface is: those of the coupled leaf and of its border.
 struct Border {
     count: usize,
     list: [Range<u32>; Border::MOST],
-    kernel: Kernel,
     gap: Real,
 }
 
@@ -329,25 +327,14 @@ impl Border {
     fn of(skin: &Skin, index: u32, x: &Vec3) -> Self {
         let surface = &skin.surface;
         let node = &surface.tree.nodes[index as usize];
-        let mut border = Self { count: 0, list: [const { 0..0 }; Self::MOST], kernel: surface.kernel, gap: 0.0 };
-        if node.children.is_none() {
-            let leaf = node.first_leaf as usize;
-            border.gap = surface.leaf_gaps[leaf];
-            border.push(node.first_point..node.first_point + node.point_count);
-            for &other in surface.leaf_neighbours.row(leaf) {
-                let other = surface.tree.leaf(other as usize);
-                let reach = other.radius + surface.kernel.cutoff();
-                if (other.center - x).norm_squared() < reach * reach {
-                    border.push(other.first_point..other.first_point + other.point_count);
-                }
-            }
-        } else {
-            let spacing = (node.area / node.sample_len() as Real).sqrt();
-            // A node of points has a positive area: the kernel of the leaves is never the one used.
-            (border.kernel, border.gap) = (Kernel::for_spacing(spacing).unwrap_or(surface.kernel), spacing);
-            for k in 0..node.sample_len() {
-                let point = node.sample(k) as u32;
-                border.push(point..point + 1);
+        let leaf = node.first_leaf as usize;
+        let mut border = Self { count: 0, list: [const { 0..0 }; Self::MOST], gap: surface.leaf_gaps[leaf] };
+        border.push(node.first_point..node.first_point + node.point_count);
+        for &other in surface.leaf_neighbours.row(leaf) {
+            let other = surface.tree.leaf(other as usize);
+            let reach = other.radius + surface.kernel.cutoff();
+            if (other.center - x).norm_squared() < reach * reach {
+                border.push(other.first_point..other.first_point + other.point_count);
             }
         }
         border
