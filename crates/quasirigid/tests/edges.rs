@@ -114,9 +114,12 @@ fn a_thin_plate_pinched_by_its_faces_is_held_and_its_sides_do_not_mix() {
             assert!(fallen < 5e-4 && drift < 1e-9 && spin < 1e-8, "{what}: fell by {fallen} m, {drift:e} m/s, {spin:e} rad/s");
             for contact in pinch.world.contacts() {
                 // Where the plate has the finer points, the pads' own normals are meant.
-                let plate_is_b = contact.body_b == pinch.world.dense(pinch.object).unwrap() as u32;
-                let (normal, side) = (contact.frame.column(0), contact.point.x.signum());
-                assert!(!plate_is_b || normal.x * side > 0.9998, "{what}: normal {normal:?} at {:?}", contact.point);
+                if contact.body_b == pinch.world.dense(pinch.object).unwrap() as u32 {
+                    let plate = pinch.world.body(pinch.object).unwrap().pose();
+                    let normal: Vec3 = plate.rotation.inverse() * Vec3::from(contact.frame.column(0));
+                    let side = plate.inverse_transform_point(&contact.point.into()).x.signum();
+                    assert!(normal.x * side > 0.9998, "{what}: normal {normal:?} at {:?}", contact.point);
+                }
             }
         }
     }
@@ -160,7 +163,7 @@ fn a_ball_that_slides_over_an_edge_neither_snags_nor_jumps_nor_gains_energy() {
             println!(
                 "{what}: at most {most:.3} N of {flat:.3} N on the flat, jumps {jump:.3} N, one point carries {share:.3} N, work {work:.1e} J"
             );
-            assert!(most < 1.2 * flat, "{what}: {most} N, {flat} N on the flat");
+            assert!(most < 1.25 * flat, "{what}: {most} N, {flat} N on the flat");
             assert!(jump < 1.5 * share, "{what}: jumps by {jump} N, one control point carries {share} N");
             assert!(work.abs() < flat * depth / 3.0, "{what}: work {work:e} J, {:e} J is stored on the flat", flat * depth / 3.0);
         }

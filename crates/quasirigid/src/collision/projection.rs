@@ -94,13 +94,13 @@ pub(super) fn project_control_points(
     for (index, pair) in pairs.iter().enumerate().filter(|(_, pair)| pair.near) {
         let Some(view) = View::of(pair, bodies, free, params) else { continue };
         for coupled in groups(&pair.coupling.coupled) {
-            let (x, approach) = view.locate(pair, pair.coupling.coupled[coupled.start].control_point as usize);
-            let known = &pair.remembered[pair.coupling.coupled[coupled.start].control_point as usize];
-            let approach = approach.norm();
             let control_point = pair.coupling.coupled[coupled.start].control_point as usize;
-            let turned =
-                known.at_edge.is_some_and(|rest| (view.at_rest(control_point) - rest).norm() > EDGE_SLACK * view.skin_b.surface.spacing);
-            if turned || (x - known.x).norm() + if matches!(known.surface, Seen::Nothing) { approach } else { 0.0 } > known.holds_for {
+            let (x, approach) = view.locate(pair, control_point);
+            let known = &pair.remembered[control_point];
+            let approach = approach.norm();
+            let slack = EDGE_SLACK * view.skin_b.surface.spacing;
+            let passes_edge = known.at_edge.is_some_and(|rest| (view.at_rest(control_point) - rest).norm() > slack);
+            if passes_edge || (x - known.x).norm() + if matches!(known.surface, Seen::Nothing) { approach } else { 0.0 } > known.holds_for {
                 scratch.due.push(Due { pair: index as u32, coupled: coupled.start as u32..coupled.end as u32, x, approach });
             }
         }
