@@ -104,7 +104,16 @@ impl Surface {
         let order = pick(&near_order, &order);
         let leaf_gaps: Vec<Real> = (0..leaf_count).map(|l| gaps[tree.leaf(l).points()].iter().copied().fold(0.0, Real::max)).collect();
         let leaf_neighbours = neighbours_of_leaves(&tree, kernel.cutoff());
-        let border = |leaf: usize, ranges: &mut Vec<Range<u32>>| border_ranges(&tree, &leaf_neighbours, leaf, ranges);
+        // A leaf's centre hardly moves as it is projected: only points about a cutoff away have a say.
+        let border = |leaf: usize, ranges: &mut Vec<Range<u32>>| {
+            let (own, reach) = (tree.leaf(leaf), 1.2 * kernel.cutoff());
+            ranges.push(own.first_point..own.first_point + own.point_count);
+            for other in leaf_neighbours.row(leaf).iter().map(|&other| tree.leaf(other as usize)) {
+                if (other.center - own.center).norm_squared() < (other.radius + reach).powi(2) {
+                    ranges.push(other.first_point..other.first_point + other.point_count);
+                }
+            }
+        };
         let control = ControlPoints::build(&tree, &points, &normals, &kernel, border);
         let (interpolation, interpolation_weights) = interpolate(&tree, &points, &normals, &control, &leaf_neighbours);
         Ok(Self {
