@@ -272,6 +272,11 @@ class Recording:
         values: npt.NDArray[Any] = self._file[name][range(self.steps)[step]]
         return values
 
+    def slice(self, name: str, start: int, stop: int) -> npt.NDArray[Any]:
+        """Rows ``start`` to ``stop`` of a step column or a ragged one."""
+        values: npt.NDArray[Any] = self._file[name][start:stop]
+        return values
+
     def rows(self, group: str, step: int) -> dict[str, npt.NDArray[Any]]:
         """The ragged rows of one step, by column name within the ``group``: ``rows("contacts", 10)["point"]``."""
         step = range(self.steps)[step]
