@@ -172,8 +172,10 @@ class Renderer:
         fine = Camera(coarse.axes, coarse.centre, FINE * coarse.scale, (FINE * width, FINE * height))
         xs, ys, _ = fine.plane(self.floor)
         self._lines = halved(floor_lines(xs, ys, self._middle, REACH)[..., None], FINE)[..., 0]
-        self.peak = max(recording.peak_pressure(first, last), 1.0)
-        self.overlay = Overlay(recording, self.layout, self.camera, self.peak, (start, end)) if self.options.labels else None
+        # Of a single moment, chart and colours are those of the whole recording.
+        shown = (start, end) if last > first else (float(recording.times[0]), float(recording.times[-1]))
+        self.peak = max(recording.peak_pressure(recording.step_at(shown[0]), recording.step_at(shown[1])), 1.0)
+        self.overlay = Overlay(recording, self.layout, self.camera, self.peak, shown) if self.options.labels else None
 
     def _camera(self, back: FloatArray, samples: list[SceneState], size: tuple[int, int]) -> Camera:
         """The camera that has all that moves in the picture."""
