@@ -31,7 +31,10 @@ LOADED = 0.01
 HEAD = 0.3
 """Length of an arrow's head as a share of the arrow."""
 INK = np.array([40, 44, 52], dtype=np.uint8)
-PULL = rgb("#CC79A7")
+PULL = rgb("#A8478A")
+_SHARE = np.arange(256) / 255.0
+LINEAR = (255.0 * np.where(_SHARE <= 0.04045, _SHARE / 12.92, ((_SHARE + 0.055) / 1.055) ** 2.4)).round().astype(np.uint8)
+"""The page takes the colours of lines, unlike those of points and meshes, for linear light: from sRGB (IEC 61966-2-1) to that, (256,)."""
 
 
 @dataclass
@@ -72,7 +75,7 @@ class LinePool:
         if n:
             points[n:] = segments[0, 0]
         shades = np.zeros((self._room, 2, 3), np.uint8)
-        shades[:n] = colours[:, None]
+        shades[:n] = LINEAR[colours][:, None]
         if self._handle is None:
             self._handle = self._server.scene.add_line_segments(self._name, points, shades, thickness=self._width, thickness_units="screen")
         else:
@@ -187,8 +190,10 @@ class SceneDrawing:
                 self._shown = state
                 self._pressure(state)
                 self._forces(state)
-            segments = np.zeros((0, 2, 3)) if pull is None else np.stack(pull)[None]
-            self._pull_lines.show(segments, np.tile(PULL, (len(segments), 1)))
+            if pull is None:
+                self._pull_lines.show(np.zeros((0, 2, 3)), np.zeros((0, 3), np.uint8))
+            else:
+                self._pull_lines.show(*arrows(pull[0][None], (pull[1] - pull[0])[None], PULL[None], wings=2))
         self.server.flush()
 
     def _poses(self, state: SceneState) -> None:

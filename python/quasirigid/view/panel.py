@@ -6,6 +6,7 @@ import queue
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import viser
@@ -91,7 +92,8 @@ class ControlPanel:
             }
             self._pad = gui.add_dropdown("Fingertips", SOFT, initial_value=SOFT[0])
         with gui.add_folder("Object"):
-            shape = gui.add_dropdown("Shape", SHAPES, initial_value=SHAPES[0])
+            given = None if options.object is None else options.object.stem
+            self._shape = gui.add_dropdown("Shape", (*SHAPES, *([given] if given else [])), initial_value=given or SHAPES[0])
             upload = gui.add_upload_button(
                 "Load a file", mime_type=",".join(FORMATS), hint=f"{', '.join(FORMATS)}; at most {LARGEST_UPLOAD // 1024**2} MB"
             )
@@ -140,9 +142,9 @@ class ControlPanel:
                 name = event.target.value
                 session.do(lambda play: play.set_pad(name))
 
-        @shape.on_update
+        @self._shape.on_update
         def _(event: viser.GuiEvent[Any]) -> None:
-            if from_page(event):
+            if from_page(event) and event.target.value in SHAPES:
                 name = event.target.value
                 self._load(lambda o, mu, _density: built_in(name, o, mu))
 
@@ -151,6 +153,10 @@ class ControlPanel:
             file = event.target.value
             self._say("")
             self._load(lambda o, mu, density: from_upload(file.name, file.content, o, mu, density))
+            name = Path(file.name).stem
+            if not self._message and name not in SHAPES:
+                self._shape.options = (*SHAPES, name)
+                set_value(self._shape, name)
 
     def _load(self, taken: Callable[[GraspOptions, float, float], Any]) -> None:
         """Builds a grasp of another object here, not in the simulation thread, and then swaps it in."""

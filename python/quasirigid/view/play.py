@@ -33,6 +33,8 @@ PULL_LIMIT = 15.0
 """Strongest pull, N."""
 LOST = 0.5
 """Objects farther away than this are lost, m."""
+EMPTY = 0.02
+"""A hand that presses with less holds nothing, N."""
 STAND_GOES = 0.4
 """The stand of an object lets go within so many seconds once the fingers hold it."""
 SOLVER_BUDGET = 4e-3
@@ -197,6 +199,8 @@ class Play:
             return "a body was set aside: press Reset"
         if float(np.linalg.norm(self.object.position - self._home[0])) > LOST:
             return "the object is out of reach: press Reset"
+        if self.grip.state == "holding" and float(np.abs(self.grip.forces()).max()) < EMPTY:
+            return "nothing in the hand: press Open and Close, or Reset"
         return "fingers by hand" if self._fingers else self.grip.state
 
     def finger_aims(self) -> FloatArray:

@@ -53,4 +53,5 @@ def _plot(server: viser.ViserServer, title: str, look: Sequence[tuple[str, str]]
         axes=(uplot.Axis(size=24, font="10px sans-serif"), uplot.Axis(size=36, font="10px sans-serif")),
         legend=uplot.Legend(show=False),
         height=HEIGHT,
+        padding=(12, 10, 0, 0),
     )

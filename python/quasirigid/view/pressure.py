@@ -40,7 +40,7 @@ class Scale:
     def follow(self, peak: float) -> bool:
         """Takes in the highest pressure of now; whether the scale changed."""
         wanted = nice_above(max(peak, self.least))
-        if wanted > self.top or (wanted < 0.25 * self.top and peak > 0.0):
+        if wanted > self.top or (wanted <= 0.25 * self.top and peak > 0.0):
             self.top = wanted
             return True
         return False

@@ -109,4 +109,4 @@ def place_camera(server: viser.ViserServer, model: SceneModel, positions: FloatA
     camera.near = 0.005
     camera.far = 20.0
     camera.look_at = middle
-    camera.position = middle + 3.6 * reach * towards
+    camera.position = middle + 4.0 * reach * towards

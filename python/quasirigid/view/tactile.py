@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
+from scipy.spatial import cKDTree
 
 from quasirigid.palette import FINGER_COLOURS
 from quasirigid.view.pressure import SLIP, SLIP_COLOUR, colour_map, patch_of, pressure_at, rgb
@@ -15,7 +16,6 @@ CELLS = 40
 SIDE = 108
 """Of a pad's picture, px."""
 GAP, HEADING = 8, 16
-OUTSIDE = np.array([255, 255, 255], dtype=np.uint8)
 LEAST_SLIP = 0.02
 """A slipping contact is marked if its pressure is more than this share of the full scale."""
 
@@ -37,9 +37,14 @@ class Pad:
         # The point of the pad in each cell: where the sensor's cell lies on the curved surface.
         centres = (np.arange(CELLS) + 0.5) / CELLS * self._size
         grid = np.stack(np.meshgrid(centres, centres[::-1]), axis=-1).reshape(-1, 2) + self._low
-        square, nearest = _nearest(grid, flat)
-        self.covered = (square < (1.5 * self._size / CELLS) ** 2).reshape(CELLS, CELLS)
+        _, nearest = _nearest(grid, flat)
         self.cells = body.points[nearest]
+        fine = (np.arange(SIDE) + 0.5) / SIDE * self._size
+        pixels = np.stack(np.meshgrid(fine, fine[::-1]), axis=-1).reshape(-1, 2) + self._low
+        distance, _ = _nearest(pixels, flat)
+        edge = 1.2 * self._size / CELLS
+        cover = np.clip((edge - distance) / (self._size / SIDE), 0.0, 1.0)
+        self.mask = Image.fromarray((255 * cover).astype(np.uint8).reshape(SIDE, SIDE))
 
     def pixels(self, points: FloatArray) -> FloatArray:
         """Where ``points`` (n, 3), body frame, lie in the picture, (n, 2) px from its upper left."""
@@ -49,10 +54,8 @@ class Pad:
 
 
 def _nearest(grid: FloatArray, flat: FloatArray) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    from scipy.spatial import cKDTree
-
     distance, index = cKDTree(flat).query(grid)
-    return distance**2, index
+    return distance, index
 
 
 class Tactile:
@@ -75,8 +78,7 @@ class Tactile:
             share = pressure_at(pad.cells, patch).reshape(CELLS, CELLS) / full_scale
             cells = colour_map(share)
             picture = Image.fromarray(cells).resize((SIDE, SIDE), Image.Resampling.BICUBIC)
-            mask = Image.fromarray((255 * pad.covered).astype(np.uint8)).resize((SIDE, SIDE), Image.Resampling.BICUBIC)
-            image.paste(picture, (left, HEADING), mask)
+            image.paste(picture, (left, HEADING), pad.mask)
             draw.text((left, 1), self._names[i], fill=FINGER_COLOURS[i % 6])
             slipping = (patch.status == SLIP) & (patch.pressures > LEAST_SLIP * full_scale)
             for x, y in pad.pixels(patch.points[slipping]) + [left, HEADING]:

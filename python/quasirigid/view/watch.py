@@ -18,7 +18,7 @@ from quasirigid.view.plots import Curves
 from quasirigid.view.scene import SceneState
 from quasirigid.view.server import LEFT_WIDTH, SLOW_RATE, announce, open_browser
 from quasirigid.view.session import HISTORY
-from quasirigid.view.stage import add_ground, open_server, place_camera
+from quasirigid.view.stage import add_ground, close_server, open_server, place_camera
 from quasirigid.view.tactile import Tactile
 from quasirigid.view.world_scene import WorldScene
 
