@@ -139,6 +139,9 @@ def grasp(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Where summary.json, recording.h5 and the plots go.", rich_help_panel=RUN)
     ] = Path("out/grasp"),
+    record: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Where the recording goes. Default: recording.h5 in --out.", rich_help_panel=RUN)
+    ] = None,
 ) -> None:
     """Grasp an object, hold it, lift it, shake it, put it down; report how well it was held."""
     from quasirigid.grasp import run_grasp
@@ -162,7 +165,7 @@ def grasp(
     )
     try:
         with _terminable(), _progress(quiet=as_json) as progress:
-            result = run_grasp(options, out, progress=progress)
+            result = run_grasp(options, out, record=record, progress=progress)
     except KeyboardInterrupt as stop:
         _say(f"interrupted; what was recorded so far is in {out}")
         raise typer.Exit(143 if isinstance(stop, Terminated) else 130) from None

@@ -106,7 +106,7 @@ class Recorder:
         # HDF5 has no chunks of no size: a column of no fingers gets one of a row.
         chunks = (chunk, *(max(1, n) for n in column.shape))
         data = self._file.create_dataset(
-            column.name, (0, *column.shape), column.dtype, maxshape=(None, *column.shape), chunks=chunks, **PACKED
+            column.name, (0, *column.shape), column.dtype, maxshape=(None, *(n or None for n in column.shape)), chunks=chunks, **PACKED
         )
         data.attrs.update({"unit": column.unit, "frame": column.frame, "what": column.what})
         if column.ragged:

@@ -30,8 +30,8 @@ UNCHANGED = 1e-9
 """Deformation that differs by less than this from what was written last is not written again, m."""
 
 
-def scene_columns(model: SceneModel, joints: int) -> list[Column]:
-    """The columns that every recorded scene has; ``joints`` is the number of joints per finger."""
+def scene_columns(model: SceneModel, joints: tuple[int, int]) -> list[Column]:
+    """The columns that every recorded scene has; ``joints`` is the shape of ``SceneState.joint_positions``."""
     B, F = len(model.bodies), len(model.fingers)
     bodies, frames = tuple(body.name for body in model.bodies), tuple(dict.fromkeys(frames_of(model)))
     counted = "counted as in bodies/quarantined, -1 for a body that is not drawn"
@@ -55,7 +55,7 @@ def scene_columns(model: SceneModel, joints: int) -> list[Column]:
         Column("moved/step", (), "i8", what="the step whose rows of moved/ hold here: the last one written, -1 before the first"),
         Column("fingers/force", (F, 3), "f4", "N", "world", "of a fingertip on whatever it touches", labels=model.fingers),
         Column("fingers/normal_force", (F,), "f4", "N", "contact", "sum of the normal reactions of a fingertip", labels=model.fingers),
-        Column("hand/joint_positions", (F, joints), unit="rad", frame="joint", labels=model.fingers),
+        Column("hand/joint_positions", joints, unit="rad", frame="joint", labels=model.fingers),
         Column("report/contacts", (), "i4", what="contacts in the problem, open ones included"),
         Column("report/sweeps", (), "i4", what="Gauss-Seidel sweeps"),
         Column("report/residual", what="natural-map residual of the reactions"),
@@ -95,13 +95,13 @@ class SceneRecorder:
         self,
         path: str | Path,
         model: SceneModel,
-        joints: int = 0,
+        joints: tuple[int, int] = (0, 0),
         *,
         columns: Sequence[Column] = (),
         attributes: Mapping[str, Any] | None = None,
         deformation_rate: float = DEFORMATION_RATE,
     ) -> None:
-        """Create the file at ``path`` (an old one is replaced) for the bodies of ``model`` and fingers of ``joints`` joints.
+        """Create the file at ``path`` (an old one is replaced) for the bodies of ``model`` and joints of the shape (fingers, joints).
 
         ``columns`` are further columns of your own, or replace those of the same name. ``deformation_rate`` in 1/s of simulated
         time; infinity writes the deformation in every step.

@@ -193,7 +193,7 @@ def _parquet_sink(path: Path) -> Iterator[_Sink]:
 def export_tables(
     path: str | Path,
     out: str | Path,
-    format: Format,
+    kind: Format,
     *,
     every: int = 1,
     start: float | None = None,
@@ -206,7 +206,7 @@ def export_tables(
     without pyarrow.
     """
     sinks: dict[Format, Callable[[Path], AbstractContextManager[_Sink]]] = {"csv": _csv_sink, "parquet": _parquet_sink}
-    if format == "parquet":
+    if kind == "parquet":
         try:
             import pyarrow.parquet  # noqa: F401
         except ImportError:
@@ -218,8 +218,8 @@ def export_tables(
         out.mkdir(parents=True, exist_ok=True)
         made = tables(recording)
         for i, (name, columns_of) in enumerate(made.items()):
-            file = out / f"{name}.{format}"
-            with sinks[format](file) as sink:
+            file = out / f"{name}.{kind}"
+            with sinks[kind](file) as sink:
                 for steps in window.blocks():
                     sink.write(columns_of(steps))
                     if progress is not None:
