@@ -36,6 +36,8 @@ CAMERAS = {"front": (0.0, 0.0), "right": (90.0, 0.0), "back": (180.0, 0.0), "lef
 """Names of cameras: azimuth from -y towards +x and height above the horizon, degrees."""
 REACH = 0.125
 """The floor's grid fades out at this distance from the middle, m."""
+FLAT = 2e-3
+"""What rises no higher than this above the floor counts as the floor, m."""
 NEAR = 0.12
 """An object farther than this from the fingertips has fallen, and the camera does not follow it, m."""
 WORTH_JOBS = 12
@@ -224,8 +226,9 @@ class Renderer:
                 continue
             part = self.posed(state, i)
             if body.kind == "support" and self._has_floor:
-                # A support that is lowered sinks into the floor.
-                part = replace(part, faces=body.faces[(part.points[body.faces, 2] > self.floor - 1e-9).any(axis=1)])
+                # A support that is lowered sinks into the floor; a flat one that lies there is the floor.
+                above = part.points[body.faces, 2] > self.floor + FLAT
+                part = replace(part, faces=body.faces[above.any(axis=1)])
             (glass if body.kind == "object" and self._pads_show() else solid).append(part)
         return solid, glass
 
