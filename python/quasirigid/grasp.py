@@ -272,10 +272,10 @@ class Grasp:
 
     def recorder(self, path: Path, attributes: dict[str, Any]) -> SceneRecorder:
         """A recorder for ``run``, which writes to ``path``."""
-        joints = self.hand.joint_positions.shape[1]
+        fingers, joints = len(self.fingers), self.hand.joint_positions.shape[1]
         sizes = len(self.object.deformed_points()), len(self.hand.deformed_points(0))
         own = columns(self.fingers, joints) + still_columns(self.fingers, joints, *sizes)
-        return SceneRecorder(path, self.scene.model, joints, columns=own, attributes=attributes)
+        return SceneRecorder(path, self.scene.model, (fingers, joints), columns=own, attributes=attributes)
 
     def _fall(self, recorder: SceneRecorder) -> None:
         for _ in range(round(DURATIONS["fall"] / self.options.dt)):
@@ -366,15 +366,15 @@ class GraspResult:
     plots: tuple[Path, ...]
 
 
-def run_grasp(options: GraspOptions, out: Path, *, progress: Progress | None = None) -> GraspResult:
-    """Run the whole job and leave ``summary.json``, ``recording.h5`` and the plots in the directory ``out``.
+def run_grasp(options: GraspOptions, out: Path, *, record: Path | None = None, progress: Progress | None = None) -> GraspResult:
+    """Run the whole job and leave ``summary.json``, ``recording.h5`` and the plots in the directory ``out``; the recording in ``record`` if given.
 
     Raises the errors of ``quasirigid.errors`` for bad input. An interrupted run (``KeyboardInterrupt``) leaves a readable
     recording and a summary that says so, then passes the interrupt on.
     """
     grasp = Grasp(options)
     out.mkdir(parents=True, exist_ok=True)
-    path = out / "recording.h5"
+    path = out / "recording.h5" if record is None else record
     chosen = {key: "" if value is None else str(value) for key, value in asdict(options).items()}
     attributes = {
         "options": json.dumps(chosen),
