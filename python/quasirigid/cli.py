@@ -24,6 +24,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 
 from quasirigid.errors import QuasirigidError
+from quasirigid.mocap.commands import app as mocap_commands
 
 if TYPE_CHECKING:
     from quasirigid.grasp import GraspResult
@@ -78,6 +79,8 @@ def _common(
 ) -> None:
     """Real-time grasping with soft fingertips: contact patches and exact Coulomb friction."""
 
+
+app.add_typer(mocap_commands, name="mocap")
 
 OBJECT, PHYSICS, RUN = "Object", "Physics", "Run and output"
 
