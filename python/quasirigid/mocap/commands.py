@@ -238,13 +238,14 @@ def calibrate(
 
     The world's origin, a point on its x axis, and a point beside it on the side of +y; all on the plane z = 0, the wider apart the better.
     """
-    from quasirigid.mocap.touch import calibration_from_touches, resting_tip
+    from quasirigid.mocap.touch import FloatArray, calibration_from_touches, resting_tip
 
     if finger not in PARTS[:5]:
         raise InvalidValueError("--finger", ", ".join(PARTS[:5]), finger, "index is the default")
     decoder = HandDecoder(hand, bodies=bodies)  # type: ignore[arg-type]  # checked there
     with _open(connection, bind) as receiver:
-        places, radius = [], 0.0
+        places: list[FloatArray] = []
+        radius = 0.0
         for point in ("the origin of the world", "a point on its x axis", "a point on the side of +y"):
             _say(f"touch {point} with the {decoder.side} {finger}, keep still, and press Enter")
             if not sys.stdin.readline():

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from rich.console import Group
+from rich.console import Group, RenderableType
 from rich.markup import escape
 from rich.panel import Panel
 from rich.table import Table
@@ -80,4 +80,5 @@ def live_panel(where: str, s: dict[str, Any], packet: Packet | None, hands: Sequ
                 parts.add_row(f"{hand.side} {part}", "[yellow]not seen[/yellow]")
     for number, position in packet.bodies.items() if packet is not None else ():
         parts.add_row(f"body {number}", *(f"{1e3 * x:.1f}" for x in np.asarray(position)))
-    return Panel(Group(table, *(["", parts] if parts.row_count else [])), title=escape(where), title_align="left", expand=False)
+    shown: list[RenderableType] = [table, "", parts] if parts.row_count else [table]
+    return Panel(Group(*shown), title=escape(where), title_align="left", expand=False)
