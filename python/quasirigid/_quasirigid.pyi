@@ -10,7 +10,9 @@ Errors come from ``quasirigid.errors`` and say what was expected, what came and 
 a step reports through ``StepReport``.
 """
 
-from typing import ClassVar, Literal, final
+from collections.abc import Sequence
+from os import PathLike
+from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 import numpy.typing as npt
@@ -719,3 +721,318 @@ class World:
         """
     def state_hash(self) -> int:
         """64-bit hash of the whole state: same input, same bits, whatever the number of threads."""
+
+# --- motion capture -------------------------------------------------------------------------------------------------------
+# `quasirigid.mocap` has these under the same names. Rows of hand arrays: thumb, index, middle, ring, little, palm.
+
+HandSide = Literal["left", "right"]
+
+@final
+class Packet:
+    """One datagram of a tracker: one frame."""
+
+    @staticmethod
+    def parse(data: bytes, arrival: float = 0.0) -> Packet:
+        """Read a datagram of DTrack. Raises ``PacketError`` with line and reason."""
+    @property
+    def frame(self) -> int:
+        """The tracker's frame counter."""
+    @property
+    def time(self) -> float | None:
+        """Seconds on the tracker's clock (Unix time of DTRACK3, else seconds since midnight UTC); ``None`` if it sends none."""
+    @property
+    def arrival(self) -> float:
+        """Seconds on the clock of the receiver or of the take."""
+    @property
+    def data(self) -> bytes:
+        """The datagram as it came."""
+    @property
+    def sender(self) -> tuple[str, int] | None:
+        """Address and port it came from; ``None`` for one from a file."""
+    @property
+    def order(self) -> Literal["new", "late", "duplicate", "restart"] | None:
+        """Where it stands among those before it; ``None`` for one from a file."""
+    @property
+    def bodies(self) -> dict[int, tuple[float, float, float]]:
+        """Bodies that are seen: id, and position in the tracker's room, m."""
+    @property
+    def hands(self) -> list[tuple[int, HandSide, list[bool]]]:
+        """Id, side, and for each finger whether it is seen."""
+    def counts(self) -> dict[str, int | None]:
+        """How many there are of each kind of target; ``None`` where the line was not sent."""
+
+@final
+class Receiver:
+    """An open UDP port, listened to by a thread of its own. A context manager."""
+
+    def __init__(
+        self,
+        connection: str = "5000",
+        *,
+        bind: str = "0.0.0.0",
+        interface: str = "0.0.0.0",
+        max_bytes: int = 32_768,
+        controller_port: int = 50_107,
+    ) -> None:
+        """Open and listen.
+
+        ``connection`` is ``PORT``, ``GROUP:PORT`` (multicast), ``HOST:PORT`` (packets of that controller only) or ``HOST:PORT:fw``
+        (greets it, for firewalls). ``bind`` is the address of this machine to listen on, ``interface`` the one that joins a multicast group.
+        Larger datagrams than ``max_bytes`` are refused. Raises ``InvalidValueError`` or ``NetworkError``.
+        """
+    @property
+    def address(self) -> tuple[str, int]:
+        """Address and port that are listened on."""
+    def now(self) -> float:
+        """Seconds since it was opened: the clock of ``Packet.arrival``."""
+    def wait(self, timeout: float) -> bool:
+        """Wait until there is something to take, at most ``timeout`` s; the GIL is released. Raises ``NetworkError`` if it cannot listen any more."""
+    def take(self) -> list[Packet]:
+        """All packets since the last call, in order of arrival; at most the last 512."""
+    @property
+    def latest(self) -> Packet | None:
+        """The newest by its frame counter."""
+    def statistics(self) -> dict[str, Any]:
+        """Counts (``datagrams, bytes, packets, lost, late, duplicates, restarts, malformed, oversize, empty, foreign, overrun``), Hz (``rate``,
+        ``tracker_rate``), s (``jitter, lateness, tracker_latency, pick_up_mean, pick_up_max``) and ``last_refusal``.
+        """
+    def close(self) -> None:
+        """Stop and close the port."""
+    def __enter__(self) -> Receiver: ...
+    def __exit__(self, *_exception: object) -> None: ...
+
+@final
+class Take:
+    """Recorded packets with their arrivals."""
+
+    @staticmethod
+    def read(path: str | PathLike[str]) -> Take:
+        """Read a take, compressed (gzip) or not, or packets that were captured elsewhere. Raises ``CaptureFileError``."""
+    @staticmethod
+    def pinch(*, seed: int = 1, rate: float = 60.0, noise: float = 3e-4, tremor: float = 1.5e-4) -> Take:
+        """A made-up right hand that pinches the box of the scene ``grasp``, lifts it by 10 cm, turns it by 30 degrees and puts it down, in 10 s.
+
+        ``rate`` Hz; ``noise`` m, standard deviation; ``tremor`` m. The middle finger is lost for 0.2 s. Same seed, same take.
+        """
+    def write(self, path: str | PathLike[str]) -> None:
+        """Write a file; compressed if its name ends in ``.gz``. Raises ``CaptureFileError``."""
+    @property
+    def packets(self) -> list[Packet]: ...
+    @property
+    def arrivals(self) -> FloatArray:
+        """(n,) s."""
+    @property
+    def notes(self) -> list[str]:
+        """Lines of notes."""
+    @property
+    def damaged(self) -> int:
+        """Packets that were cut or spoilt and are left out."""
+    @property
+    def duration(self) -> float:
+        """From first to last arrival, s."""
+    def statistics(self) -> dict[str, Any]:
+        """As ``Receiver.statistics``, for the whole take."""
+    def frames(self, decoder: HandDecoder) -> list[HandFrame]:
+        """The hand in every packet that has the line it would be in."""
+    def __len__(self) -> int: ...
+
+@final
+class TakeWriter:
+    """Writes a take while it is recorded; after every packet the file is whole."""
+
+    def __init__(self, path: str | PathLike[str], *, append: bool = False) -> None:
+        """Create or overwrite the file, or go on behind what is there. Raises ``CaptureFileError``."""
+    def note(self, text: str) -> None:
+        """A line of notes."""
+    def packet(self, arrival: float, data: bytes) -> None:
+        """A packet that came ``arrival`` s after the start of the recording."""
+
+@final
+class Replay:
+    """Sends a take as a controller would, in time, on a thread of its own. A context manager."""
+
+    def __init__(
+        self,
+        take: Take,
+        targets: Sequence[str] = (),
+        *,
+        speed: float = 1.0,
+        rounds: int = 1,
+        source_port: int = 50_107,
+        bind: str = "0.0.0.0",
+        serve_greeters: bool = True,
+        bodies: bool = False,
+    ) -> None:
+        """Start to send to ``targets`` (``HOST:PORT``, ``PORT``, ``GROUP:PORT``) and to whoever greets; without targets it waits for a greeting.
+
+        ``rounds`` 0 sends until it is stopped. ``source_port`` falls back to any port if it is taken: see ``address``. ``bodies`` also sends each
+        fingertip as a body of ``6d``. Raises ``InvalidValueError`` or ``NetworkError``.
+        """
+    @property
+    def address(self) -> tuple[str, int]:
+        """Address and port that it sends from."""
+    def wait(self, timeout: float) -> bool:
+        """Wait for the end, at most ``timeout`` s; the GIL is released. Whether it has ended."""
+    def state(self) -> dict[str, Any]:
+        """``sent, rounds, greetings, targets, refused, latest`` (s behind the schedule at worst) and ``done``."""
+    def stop(self) -> None:
+        """Stop."""
+    def __enter__(self) -> Replay: ...
+    def __exit__(self, *_exception: object) -> None: ...
+
+@final
+class HandFrame:
+    """One hand at one moment, whatever the tracker.
+
+    Tip frames: origin in the centre of the sphere that models the pad, +x along the outstretched finger, +z out of the nail.
+    Palm frame: origin in the index knuckle, +x along the outstretched index finger, +z out of the back of the hand.
+    A stretched finger has the orientation of the palm. Same for both hands.
+    """
+
+    def __init__(
+        self,
+        side: HandSide,
+        positions: npt.ArrayLike,
+        quaternions: npt.ArrayLike,
+        pad_radii: npt.ArrayLike,
+        tracked: Sequence[bool],
+        *,
+        time: float,
+        arrival: float,
+        source: Literal["webxr", "dtrack-hand", "dtrack-bodies", "synthetic"] = "webxr",
+        frame: Literal["tracker", "world"] = "tracker",
+    ) -> None:
+        """From ``positions`` (6, 3) m, ``quaternions`` (6, 4), ``pad_radii`` (6,) m and ``tracked`` (6,). Rows that are not tracked are not looked at.
+
+        ``time`` s on the tracker's clock, ``arrival`` s on the clock of whoever asks for targets.
+        """
+    @property
+    def side(self) -> HandSide: ...
+    @property
+    def time(self) -> float:
+        """s on the tracker's clock."""
+    @property
+    def arrival(self) -> float:
+        """s on the clock of the receiver or of the take."""
+    @property
+    def source(self) -> str: ...
+    @property
+    def frame(self) -> Literal["tracker", "world"]:
+        """The frame of all poses."""
+    @property
+    def positions(self) -> FloatArray:
+        """(6, 3) m; NaN where not tracked."""
+    @property
+    def quaternions(self) -> FloatArray:
+        """(6, 4); NaN where not tracked."""
+    @property
+    def pad_radii(self) -> FloatArray:
+        """(6,) m; NaN for fingers that the source does not have, 0 for the palm."""
+    @property
+    def tracked(self) -> npt.NDArray[np.bool_]:
+        """(6,)"""
+    @property
+    def present(self) -> npt.NDArray[np.bool_]:
+        """(6,) whether the source has it at all."""
+    def transformed(self, calibration: Calibration) -> HandFrame:
+        """The same hand seen from the world."""
+
+@final
+class HandDecoder:
+    """Makes frames of one hand from packets."""
+
+    def __init__(self, side: HandSide = "right", *, bodies: str | None = None) -> None:
+        """The fingertracking hand of that side or, with ``bodies``, bodies that are fixed to its fingers.
+
+        ``bodies`` is a text such as ``"thumb=0,index=1,middle=2,palm=3"``, or the name of a TOML file, which has its own side.
+        """
+    @property
+    def side(self) -> HandSide: ...
+    def decode(self, packet: Packet) -> HandFrame | None:
+        """The hand; one in which nothing is tracked if it is hidden; ``None`` if the packet lacks the line it would be in."""
+
+@final
+class HandTracker:
+    """Takes frames when they come, gives targets when they are needed: smooth for any rate, jitter, loss and order."""
+
+    def __init__(
+        self,
+        side: HandSide = "right",
+        *,
+        calibration: Calibration | None = None,
+        delay: float | None = None,
+        hold: float = 0.5,
+        fade: float = 0.5,
+        catch: float = 0.1,
+    ) -> None:
+        """All times in s. ``delay``: how far in the past the hand is shown; ``None`` fits the stream, 0 predicts. What is not seen keeps its full weight
+        for ``hold`` and fades within ``fade``; ``catch`` is the time constant with which a pose glides to where it is seen again.
+        """
+    def push(self, frame: HandFrame) -> None:
+        """Take a frame. Raises ``InvalidValueError`` for one of the other hand or with numbers that are not finite."""
+    def sample(self, now: float) -> HandTargets | None:
+        """The hand at ``now``, s on the clock of the arrivals, which must not fall back. ``None`` before the first frame."""
+    @property
+    def side(self) -> HandSide: ...
+    @property
+    def delay(self) -> float:
+        """How far in the past the hand is shown now, s."""
+
+@final
+class HandTargets:
+    """A hand at the moment it was asked for, in the world."""
+
+    @property
+    def positions(self) -> FloatArray:
+        """(6, 3) m; NaN where never seen."""
+    @property
+    def quaternions(self) -> FloatArray:
+        """(6, 4); NaN where never seen."""
+    @property
+    def linear_velocities(self) -> FloatArray:
+        """(6, 3) m/s; NaN where never seen."""
+    @property
+    def angular_velocities(self) -> FloatArray:
+        """(6, 3) rad/s; NaN where never seen."""
+    @property
+    def weights(self) -> FloatArray:
+        """(6,) 0 to 1: how much to believe it. Scale the spring by it; it is continuous in time."""
+    @property
+    def pad_radii(self) -> FloatArray:
+        """(6,) m; NaN where never seen, 0 for the palm."""
+    @property
+    def states(self) -> list[Literal["absent", "live", "held", "fading", "lost"]]:
+        """One for each row."""
+    @property
+    def delay(self) -> float:
+        """How far in the past the hand is shown, s."""
+    @property
+    def time(self) -> float:
+        """Time on the tracker's clock that is shown, s."""
+
+@final
+class Calibration:
+    """Rigid transform from the tracker's room to the world: ``x_world = R(quaternion) x_tracker + position``."""
+
+    def __init__(self, position: npt.ArrayLike | None = None, quaternion: npt.ArrayLike | None = None) -> None:
+        """``position`` (3,) m, ``quaternion`` (4,); the room is the world without them."""
+    @staticmethod
+    def read(path: str | PathLike[str]) -> Calibration:
+        """Read a TOML file with ``translation`` and ``quaternion``. Raises ``CaptureFileError`` or ``InvalidValueError``."""
+    def write(self, path: str | PathLike[str]) -> None:
+        """Write such a file."""
+    @staticmethod
+    def from_three_points(origin: npt.ArrayLike, on_x: npt.ArrayLike, in_plane: npt.ArrayLike) -> Calibration:
+        """From three points (3,) m touched in the tracker's room: the world's origin, one on +x, one of the half plane y > 0, z = 0."""
+    @staticmethod
+    def from_points(tracker: npt.ArrayLike, world: npt.ArrayLike) -> Calibration:
+        """Least squares from points (n, 3) m touched in the tracker's room and their places in the world, n >= 3."""
+    @property
+    def position(self) -> FloatArray:
+        """(3,) m."""
+    @property
+    def quaternion(self) -> FloatArray:
+        """(4,)"""
+    @property
+    def residual(self) -> float | None:
+        """Root mean square distance after a fit, m."""

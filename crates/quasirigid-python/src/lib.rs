@@ -13,6 +13,8 @@ mod hand;
 mod hand_model;
 mod mass_properties;
 mod material;
+mod mocap;
+mod mocap_hand;
 mod report;
 mod solver;
 mod surface;
@@ -41,6 +43,10 @@ mod _quasirigid {
     use crate::mass_properties::MassProperties;
     #[pymodule_export]
     use crate::material::Material;
+    #[pymodule_export]
+    use crate::mocap::{Packet, Receiver, Replay, Take, TakeWriter};
+    #[pymodule_export]
+    use crate::mocap_hand::{Calibration, HandDecoder, HandFrame, HandTargets, HandTracker};
     #[pymodule_export]
     use crate::report::StepReport;
     #[pymodule_export]
