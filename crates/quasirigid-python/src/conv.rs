@@ -118,6 +118,14 @@ pub fn from_points<'py>(py: Python<'py>, points: impl IntoIterator<Item = Vec3>)
     rows(py, points.into_iter().flat_map(|p| [p.x, p.y, p.z]).collect(), 3)
 }
 
+/// Indices `(n,)` and points `(n, 3)`.
+pub type Numbered<'py> = (Bound<'py, PyArray1<u32>>, Bound<'py, PyArray2<Real>>);
+
+/// Points that are some of a list: their places in it, and where they are.
+pub fn from_numbered(py: Python<'_>, (indices, points): (Vec<u32>, Vec<Vec3>)) -> PyResult<Numbered<'_>> {
+    Ok((from_vec(py, indices), from_points(py, points)?))
+}
+
 /// `(n, columns)` from numbers in C order.
 pub fn rows(py: Python<'_>, values: Vec<Real>, columns: usize) -> PyResult<Bound<'_, PyArray2<Real>>> {
     let n = values.len() / columns;

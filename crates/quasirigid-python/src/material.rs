@@ -2,6 +2,7 @@
 
 use crate::compliance_matrix::ComplianceMatrix;
 use crate::errors::{OrRaise, to_py};
+use crate::friction::Friction;
 use pyo3::prelude::*;
 use quasirigid::Error;
 use quasirigid::body::ComplianceModel;
@@ -50,7 +51,7 @@ impl Material {
         py: Python<'_>,
         name: Option<String>,
         density: Option<Real>,
-        friction: Option<Real>,
+        friction: Option<&Bound<'_, PyAny>>,
         young_modulus: Option<Real>,
         poisson_ratio: Option<Real>,
         layer_thickness: Option<Real>,
@@ -60,7 +61,8 @@ impl Material {
         let old = &self.engine;
         let mut new = quasirigid::body::Material { name: name.unwrap_or_else(|| old.name.clone()), ..old.clone() };
         new = new.with_density(density.unwrap_or(old.density)).or_raise(py)?;
-        new = new.with_friction(friction.unwrap_or(old.friction)).or_raise(py)?;
+        let friction = friction.map_or(Ok(old.friction), crate::friction::friction)?;
+        new = new.with_friction(friction).or_raise(py)?;
         new = new.with_relaxation_time(relaxation_time.unwrap_or(old.relaxation_time)).or_raise(py)?;
         if young_modulus.is_some() || poisson_ratio.is_some() || layer_thickness.is_some() {
             let (e, nu) = (young_modulus.unwrap_or(old.young_modulus), poisson_ratio.unwrap_or(old.poisson_ratio));
@@ -85,7 +87,12 @@ impl Material {
 
     #[getter]
     fn friction(&self) -> Real {
-        self.engine.friction
+        self.engine.friction.static_coefficient
+    }
+
+    #[getter]
+    fn friction_law(&self) -> Friction {
+        Friction { engine: self.engine.friction }
     }
 
     #[getter]
@@ -126,6 +133,6 @@ impl Material {
     }
 
     fn __repr__(&self) -> String {
-        format!("Material({:?}, friction={}, compliance={:?})", self.engine.name, self.engine.friction, self.compliance())
+        format!("Material({:?}, friction={}, compliance={:?})", self.engine.name, self.friction(), self.compliance())
     }
 }

@@ -1,5 +1,6 @@
 //! What a body is made of: density, friction, and how its surface yields.
 
+use crate::body::Friction;
 use crate::error::{Error, Result, check_non_negative, check_positive};
 use crate::math::Real;
 use crate::surface::{ComplianceMatrix, ControlPoints};
@@ -83,8 +84,8 @@ pub struct Material {
     pub name: String,
     /// Density (kg/m^3).
     pub density: Real,
-    /// Coulomb coefficient of this material against itself (-); see [`pair_friction`].
-    pub friction: Real,
+    /// Friction of this material against itself; [`crate::body::PairFriction`] makes that of a pair.
+    pub friction: Friction,
     /// Young's modulus E (Pa).
     pub young_modulus: Real,
     /// Poisson's ratio nu (-).
@@ -150,14 +151,14 @@ impl Material {
     pub fn new(
         name: impl Into<String>,
         density: Real,
-        friction: Real,
+        friction: impl Into<Friction>,
         young_modulus: Real,
         poisson_ratio: Real,
         layer_thickness: Real,
         relaxation_time: Real,
         model: ComplianceModel,
     ) -> Result<Self> {
-        let name = name.into();
+        let (name, friction) = (name.into(), friction.into());
         let material = Self { name, density, friction, young_modulus, poisson_ratio, layer_thickness, relaxation_time, model };
         material.check()?;
         Ok(material)
@@ -193,12 +194,13 @@ impl Material {
         Ok(Self { model, ..self })
     }
 
-    /// The same material with another Coulomb coefficient against itself (-).
+    /// The same material with another friction against itself: a Coulomb coefficient (-), or a [`Friction`].
     ///
     /// # Errors
-    /// A coefficient that is not finite and >= 0.
-    pub fn with_friction(self, friction: Real) -> Result<Self> {
-        check_non_negative("friction coefficient", friction, "-")?;
+    /// See [`Friction::check`].
+    pub fn with_friction(self, friction: impl Into<Friction>) -> Result<Self> {
+        let friction = friction.into();
+        friction.check()?;
         Ok(Self { friction, ..self })
     }
 
@@ -251,23 +253,17 @@ impl Material {
     /// Refuses figures that no material has.
     ///
     /// # Errors
-    /// Non-finite numbers; density, E or thickness <= 0; friction or relaxation time < 0; nu outside [0, 0.5]; a compliance
+    /// Non-finite numbers; density, E or thickness <= 0; relaxation time < 0; a friction that [`Friction::check`] refuses; nu outside [0, 0.5]; a compliance
     /// model out of range.
     pub fn check(&self) -> Result<()> {
         check_positive("density", self.density, "kg/m^3")?;
-        check_non_negative("friction coefficient", self.friction, "-")?;
+        self.friction.check()?;
         check_positive("Young's modulus", self.young_modulus, "Pa")?;
         check_poisson(self.poisson_ratio)?;
         check_positive("layer thickness", self.layer_thickness, "m")?;
         check_non_negative("relaxation time", self.relaxation_time, "s")?;
         self.model.check()
     }
-}
-
-/// Coulomb coefficient of a contact between two materials: the geometric mean of their coefficients against themselves, so
-/// that a frictionless partner makes a frictionless pair.
-pub fn pair_friction(a: &Material, b: &Material) -> Real {
-    (a.friction * b.friction).sqrt()
 }
 
 fn check_poisson(nu: Real) -> Result<()> {
@@ -347,12 +343,5 @@ mod tests {
         assert!(wood().with_model(local(1e-3, 1.0)).is_err());
         assert!(wood().with_model(local(Real::NAN, 0.5)).is_err());
         assert!(wood().with_model(local(1e-3, 0.0)).is_ok());
-    }
-
-    #[test]
-    fn pair_friction_is_the_geometric_mean() {
-        let of = |friction| Material::preset("wood").unwrap().with_friction(friction).unwrap();
-        assert!((pair_friction(&of(0.2), &of(0.8)) - 0.4).abs() < 1e-15);
-        assert_eq!(pair_friction(&of(0.0), &of(0.8)), 0.0);
     }
 }
