@@ -26,6 +26,7 @@ STAGES: tuple[str, str, str, str, str]
 
 Motion = Literal["inertial", "quasi-static", "fixed"]
 Compliance = Literal["local", "half-space"]
+FrictionRule = Literal["geometric-mean", "minimum", "maximum", "mean", "product"]
 FloatArray = npt.NDArray[np.float64]
 
 @final
@@ -155,6 +156,52 @@ class ComplianceMatrix:
         """Number of control points ``m``."""
 
 @final
+class Friction:
+    """Coulomb friction and what goes beyond it. Immutable.
+
+    A contact sticks up to ``static`` times its normal force. While it slips with speed v its coefficient is
+    ``kinetic + (static - kinetic) * exp(-(v / stribeck_velocity)**2)``, and a viscous traction ``viscous * v`` comes on top.
+    With a ``direction`` these coefficients hold along it, and are ``ratio`` times as large across it: the friction circle
+    becomes an ellipse. ``Friction(0.5)`` is Coulomb's law.
+    """
+
+    def __init__(
+        self,
+        static: float,
+        kinetic: float | None = None,
+        *,
+        stribeck_velocity: float = 1e-3,
+        viscous: float = 0.0,
+        direction: npt.ArrayLike | None = None,
+        ratio: float | None = None,
+    ) -> None:
+        """``static`` and ``kinetic`` (the same, if left out) have no unit; ``stribeck_velocity`` m/s; ``viscous`` Pa s/m.
+
+        ``direction`` (3,), of any length, is in the frame of the surface's points (of a finger: of its last link), and goes
+        with ``ratio`` from 0.01 to 100. Where it is normal to the surface, every tangent is across it.
+
+        Raises ``InvalidValueError`` for what no friction is: a negative or non-finite number, ``kinetic`` above ``static``.
+        """
+    @property
+    def static(self) -> float: ...
+    @property
+    def kinetic(self) -> float: ...
+    @property
+    def stribeck_velocity(self) -> float:
+        """m/s."""
+    @property
+    def viscous(self) -> float:
+        """Pa s/m: traction per slip speed."""
+    @property
+    def direction(self) -> FloatArray | None:
+        """(3,) unit, frame of the surface's points; ``None`` if friction is the same in all directions."""
+    @property
+    def ratio(self) -> float:
+        """Coefficients across ``direction`` over those along it."""
+    def coefficient(self, speed: float) -> float:
+        """The coefficient along ``direction`` at a slip speed (m/s), without the viscous part."""
+
+@final
 class Material:
     """What a surface is made of. Immutable; ``replace`` gives a changed copy."""
 
@@ -169,7 +216,7 @@ class Material:
         *,
         name: str | None = None,
         density: float | None = None,
-        friction: float | None = None,
+        friction: float | Friction | None = None,
         young_modulus: float | None = None,
         poisson_ratio: float | None = None,
         layer_thickness: float | None = None,
@@ -188,7 +235,10 @@ class Material:
         """kg/m^3."""
     @property
     def friction(self) -> float:
-        """Coulomb coefficient against itself. A pair of materials has the geometric mean of the two."""
+        """Static friction coefficient against itself. ``World.friction_rule`` makes that of a pair from the two."""
+    @property
+    def friction_law(self) -> Friction:
+        """Friction against itself, all of it."""
     @property
     def young_modulus(self) -> float:
         """Pa."""
@@ -457,7 +507,10 @@ class Contacts:
         """(n,) Pa, normal force over area."""
     @property
     def friction(self) -> FloatArray:
-        """(n,) Coulomb coefficient of the pair."""
+        """(n,) friction coefficient, along tangent1. Falls with slip speed if the pair's kinetic coefficient is lower."""
+    @property
+    def friction_ratio(self) -> FloatArray:
+        """(n,) friction coefficient along tangent2 over that along tangent1: 1 unless friction has a direction."""
     @property
     def status(self) -> npt.NDArray[np.uint8]:
         """(n,) values of ``ContactStatus``."""
@@ -579,6 +632,7 @@ class World:
         time_budget: float | None = None,
         traversal_budget: int | None = None,
         contact_margin: float | None = None,
+        friction_rule: FrictionRule = "geometric-mean",
     ) -> None:
         """An empty world.
 
@@ -586,7 +640,8 @@ class World:
         ``tolerance`` residual at which Gauss-Seidel stops, without unit; ``max_sweeps`` its cap; ``time_budget`` seconds
         after which it stops wherever it is (``None``: never). ``traversal_budget`` most pairs of spheres that collision
         looks at in a step (``None``: all). ``contact_margin`` m: contacts up to this gap enter the problem
-        (``None``: chosen from the sampling).
+        (``None``: chosen from the sampling). ``friction_rule`` makes the friction of a pair from that of its two materials;
+        ``set_friction`` goes before it.
         """
     @property
     def dt(self) -> float:
@@ -602,6 +657,8 @@ class World:
     @property
     def hands(self) -> list[Hand]:
         """The hands, in the order in which they were added."""
+    @property
+    def friction_rule(self) -> FrictionRule: ...
     @property
     def time(self) -> float:
         """Simulated seconds since the start."""
@@ -642,6 +699,16 @@ class World:
         """
     def remove(self, handle: Body | Hand) -> None:
         """Take a body or a hand out of the world; its handle is invalid from then on."""
+    def set_friction(self, a: Material | Body | Hand | str, b: Material | Body | Hand | str, friction: float | Friction | None) -> None:
+        """Say what friction is between ``a`` and ``b``, instead of combining it from two materials, from the next step on.
+
+        A material, or its name, stands for all bodies of that name, also those added later; a hand for its fingers. What is
+        said of two bodies goes before what is said of a body and a material, and that before two materials; of equals the
+        last one set holds. ``None`` takes back what was said of this pair. A direction of friction lies in the frame of
+        ``a`` (of the body added first, if both are one material).
+
+        Raises ``InvalidHandleError`` for a body that was removed or is of another world.
+        """
     def step(self, n: int = 1) -> StepReport:
         """Advance by ``n`` steps of ``dt`` and return the report of the last. The GIL is released meanwhile."""
     def contacts(self) -> Contacts:
@@ -649,7 +716,8 @@ class World:
     def contact_problem(self, *, sparse: bool = False) -> ContactProblem:
         """The contact problem of the last step, with the reactions found; ``W`` dense, or ``sparse`` as a SciPy ``bsr_array``.
 
-        In displacements over the step: ``W`` m/N, ``q`` m, reactions N. ``problem.save("step.npz")`` keeps it.
+        In displacements over the step: ``W`` m/N, ``q`` m, reactions N. ``problem.save("step.npz")`` keeps it. Always plain
+        Coulomb: where friction has a direction tangent2 is stretched by ``Contacts.friction_ratio``, and viscous drag is in ``q``.
         """
     def state_hash(self) -> int:
         """64-bit hash of the whole state: same input, same bits, whatever the number of threads."""

@@ -99,13 +99,14 @@ class Recorder:
             self._file.swmr_mode = True
         except BaseException:
             self._file.close()
+            self.path.unlink(missing_ok=True)  # half a head is no recording
             raise
 
     def _create(self, column: Column, chunk: int) -> h5py.Dataset:
         # HDF5 has no chunks of no size: a column of no fingers gets one of a row.
         chunks = (chunk, *(max(1, n) for n in column.shape))
         data = self._file.create_dataset(
-            column.name, (0, *column.shape), column.dtype, maxshape=(None, *column.shape), chunks=chunks, **PACKED
+            column.name, (0, *column.shape), column.dtype, maxshape=(None, *(n or None for n in column.shape)), chunks=chunks, **PACKED
         )
         data.attrs.update({"unit": column.unit, "frame": column.frame, "what": column.what})
         if column.ragged:
@@ -269,6 +270,11 @@ class Recording:
     def row(self, name: str, step: int) -> npt.NDArray[Any]:
         """One step of a step column."""
         values: npt.NDArray[Any] = self._file[name][range(self.steps)[step]]
+        return values
+
+    def slice(self, name: str, start: int, stop: int) -> npt.NDArray[Any]:
+        """Rows ``start`` to ``stop`` of a step column or a ragged one."""
+        values: npt.NDArray[Any] = self._file[name][start:stop]
         return values
 
     def rows(self, group: str, step: int) -> dict[str, npt.NDArray[Any]]:

@@ -30,13 +30,14 @@ UNCHANGED = 1e-9
 """Deformation that differs by less than this from what was written last is not written again, m."""
 
 
-def scene_columns(model: SceneModel, joints: int) -> list[Column]:
-    """The columns that every recorded scene has; ``joints`` is the number of joints per finger."""
+def scene_columns(model: SceneModel, joints: tuple[int, int]) -> list[Column]:
+    """The columns that every recorded scene has; ``joints`` is the shape of ``SceneState.joint_positions``."""
     B, F = len(model.bodies), len(model.fingers)
-    bodies = tuple(body.name for body in model.bodies)
-    counted = "counted as in bodies/pose, -1 for a body that is not drawn"
+    bodies, frames = tuple(body.name for body in model.bodies), tuple(dict.fromkeys(frames_of(model)))
+    counted = "counted as in bodies/quarantined, -1 for a body that is not drawn"
+    what = "x y z and quaternion w x y z of the frames; the bodies that a frame carries are in the attribute scene of the file"
     return [
-        Column("bodies/pose", (B, 7), unit="m, 1", frame="world", what="x y z of the body frame, quaternion w x y z", labels=bodies),
+        Column("frames/pose", (len(frames), 7), unit="m, 1", frame="world", what=what, labels=frames),
         Column("bodies/quarantined", (B,), "u1", what="1 if set aside because it became non-finite", labels=bodies),
         Column("contacts/point", (3,), "f4", "m", "world", ragged=True),
         Column("contacts/normal", (3,), "f4", "1", "world", "from body b to body a", ragged=True),
@@ -48,13 +49,13 @@ def scene_columns(model: SceneModel, joints: int) -> list[Column]:
         Column("contacts/status", (), "u1", what="0 open, 1 stick, 2 slip", ragged=True, labels=("open", "stick", "slip")),
         Column("contacts/body_a", (), "i2", what=f"whose control point it is; {counted}", ragged=True),
         Column("contacts/body_b", (), "i2", what=f"the other body; {counted}", ragged=True),
-        Column("moved/body", (), "u2", what="body whose surface point is displaced, counted as in bodies/pose", ragged=True),
+        Column("moved/body", (), "u2", what="body whose surface point is displaced, counted as in bodies/quarantined", ragged=True),
         Column("moved/index", (), "u4", what="row of model/<body>/points", ragged=True),
         Column("moved/displacement", (3,), "f4", "m", "body", "from the point at rest", ragged=True),
         Column("moved/step", (), "i8", what="the step whose rows of moved/ hold here: the last one written, -1 before the first"),
         Column("fingers/force", (F, 3), "f4", "N", "world", "of a fingertip on whatever it touches", labels=model.fingers),
         Column("fingers/normal_force", (F,), "f4", "N", "contact", "sum of the normal reactions of a fingertip", labels=model.fingers),
-        Column("hand/joint_positions", (F, joints), unit="rad", frame="joint", labels=model.fingers),
+        Column("hand/joint_positions", joints, unit="rad", frame="joint", labels=model.fingers),
         Column("report/contacts", (), "i4", what="contacts in the problem, open ones included"),
         Column("report/sweeps", (), "i4", what="Gauss-Seidel sweeps"),
         Column("report/residual", what="natural-map residual of the reactions"),
@@ -68,6 +69,11 @@ def scene_columns(model: SceneModel, joints: int) -> list[Column]:
     ]
 
 
+def frames_of(model: SceneModel) -> list[str]:
+    """The frame of every body: bodies that move as one share it, and their pose is written once."""
+    return [body.frame or body.name for body in model.bodies]
+
+
 def model_constants(model: SceneModel) -> tuple[dict[str, npt.NDArray[Any]], str]:
     """What is written of a model: its arrays by name, and the rest as JSON."""
     arrays: dict[str, npt.NDArray[Any]] = {}
@@ -78,7 +84,7 @@ def model_constants(model: SceneModel) -> tuple[dict[str, npt.NDArray[Any]], str
             f"model/{i}/normals": body.normals.astype("f4"),
             f"model/{i}/faces": body.faces.astype("u4"),
         }
-        bodies.append({"name": body.name, "kind": body.kind, "colour": list(body.colour), "finger": body.finger})
+        bodies.append({"name": body.name, "kind": body.kind, "colour": list(body.colour), "finger": body.finger, "frame": body.frame})
     return arrays, json.dumps({"bodies": bodies, "fingers": list(model.fingers), "dt": model.dt, "floor": model.floor})
 
 
@@ -89,13 +95,13 @@ class SceneRecorder:
         self,
         path: str | Path,
         model: SceneModel,
-        joints: int = 0,
+        joints: tuple[int, int] = (0, 0),
         *,
         columns: Sequence[Column] = (),
         attributes: Mapping[str, Any] | None = None,
         deformation_rate: float = DEFORMATION_RATE,
     ) -> None:
-        """Create the file at ``path`` (an old one is replaced) for the bodies of ``model`` and fingers of ``joints`` joints.
+        """Create the file at ``path`` (an old one is replaced) for the bodies of ``model`` and joints of the shape (fingers, joints).
 
         ``columns`` are further columns of your own, or replace those of the same name. ``deformation_rate`` in 1/s of simulated
         time; infinity writes the deformation in every step.
@@ -109,6 +115,8 @@ class SceneRecorder:
         self._own = {column.name: column for column in columns}
         self._moved_at = -1
         self._moved: Mapping[int, Moved] = {}
+        frames = frames_of(model)
+        self._carriers = [frames.index(frame) for frame in dict.fromkeys(frames)]
         constants, described = model_constants(model)
         told = {"quasirigid_version": __version__, "dt": model.dt, "scene": described, "deformation_rate": deformation_rate}
         self._recorder = Recorder(path, [*columns, *common], {**told, **(attributes or {})}, constants=constants)
@@ -143,7 +151,7 @@ class SceneRecorder:
         values: dict[str, Any] = {
             "time": state.time,
             "phase": state.phase.encode()[:32],
-            "bodies/pose": np.concatenate([state.positions, state.quaternions], axis=1),
+            "frames/pose": np.concatenate([state.positions, state.quaternions], axis=1)[self._carriers],
             "bodies/quarantined": quarantined,
             "contacts/point": c.points,
             "contacts/normal": c.normals,
@@ -231,6 +239,8 @@ class SceneRecording:
             self.columns.close()
             raise
         self.times: FloatArray = self.columns["time"]
+        frames = self.columns.labels("frames/pose")
+        self._frames = [frames.index(frame) for frame in frames_of(self.model)]
 
     def _read_model(self) -> SceneModel:
         told = json.loads(self.columns.attributes["scene"])
@@ -266,6 +276,16 @@ class SceneRecording:
         for start, stop in itertools.pairwise(changes):
             spans.append((float(times[start]) - self.model.dt, float(times[stop - 1]), self.phase(first + start)))
         return [span for span in spans if span[2]]
+
+    def peak_pressure(self, first: int = 0, last: int = -1) -> float:
+        """Largest pressure on a fingertip from the ``first`` to the ``last`` step, Pa; on anything if there are no fingertips."""
+        first, last = range(len(self))[first], range(len(self))[last]
+        ends = self.columns["contacts/end"]
+        rows = slice(int(ends[first - 1]) if first else 0, int(ends[last]))
+        pressure, tips = self.columns["contacts/pressure"][rows], self.model.fingertips()
+        if tips:
+            pressure = pressure[np.isin(self.columns["contacts/body_a"][rows], tips) | np.isin(self.columns["contacts/body_b"][rows], tips)]
+        return float(pressure.max(initial=0.0))
 
     def contacts(self, step: int) -> ContactsState:
         """The contacts of a step."""
@@ -304,7 +324,7 @@ class SceneRecording:
         def row(name: str) -> npt.NDArray[Any]:
             return self.columns.row(name, step)
 
-        pose = row("bodies/pose")
+        pose = row("frames/pose")[self._frames]
         return SceneState(
             time=float(self.times[step]),
             step=step,

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from quasirigid.grasp_columns import contacts_on_object
 from quasirigid.recording import Recording
 from quasirigid.splats import FloatArray
 from quasirigid.summary import creep, phases, pose_in, settled
@@ -53,13 +54,13 @@ def read_shot(recording: Recording) -> Shot | None:
         return None
     step, dt = int(scene["step"]), float(recording.attributes["dt"])
     hold = next(span for span in phases(recording["phase"], recording["time"], dt) if span.first <= step < span.last)
-    poses = recording["bodies/pose"][settled(hold, dt)]
+    steady = settled(hold, dt)
     return Shot(
         scene=scene,
-        contacts=recording.rows("contacts", step),
+        contacts=contacts_on_object(recording, step),
         fingers=recording.labels("hand/force_on_object"),
         forces=recording["hand/force_on_object"][step],
-        drift=creep(pose_in(poses[:, 2], poses[:, 0]), dt)[0],
+        drift=creep(pose_in(recording["hand/pose"][steady], recording["object/pose"][steady]), dt)[0],
         attributes=recording.attributes,
     )
 

@@ -23,8 +23,9 @@ pub struct Parameters {
     /// for bodies that were put into each other. The gap that the solver sees is cut at this speed times `dt`, so that what is pushed out leaves at about this speed
     /// instead of overlap over `dt`. Lower is gentler and takes longer; infinity removes any overlap in one step, and throws apart what was in it.
     pub push_out_speed: Real,
-    /// Sphere tests that collision may spend in a step. Default: no limit worth the name (10 million). When it is spent the traversal stops at the level it has
-    /// reached and the report says `coarse`: patches are then made of fewer, larger contacts.
+    /// Sphere tests that collision may spend in a step, shared evenly by the pairs of bodies that are near each other; each gets at least 2,000 (some 15 µs), since with
+    /// less too few contacts are left to hold anything. Default: no limit. When it is spent the traversal stops and the report says `coarse`: patches are then
+    /// made of fewer, larger contacts. They hold as hard, but not as still: which points stand for a patch may change as the bodies move.
     pub traversal_budget: usize,
     /// Sphere tests are done with this much more margin, m, and their result is kept until the two bodies have moved by it. Default 2e-4. Larger means
     /// fewer traversals and more control points to look at in each step.
@@ -60,7 +61,7 @@ impl Default for Parameters {
             gravity: Vec3::new(0.0, 0.0, -9.81),
             contact_margin: 2e-4,
             push_out_speed: 0.02,
-            traversal_budget: 10_000_000,
+            traversal_budget: usize::MAX,
             traversal_slack: 2e-4,
             projection_tolerance: 1e-10,
             projection_slack: 1e-6,

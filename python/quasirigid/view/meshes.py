@@ -113,7 +113,8 @@ def _without_long_edges(points: FloatArray, faces: IntArray) -> IntArray:
         return faces
     corners = points[faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    return faces[longest < LONGEST * spacing_of(points)]
+    short: IntArray = faces[longest < LONGEST * spacing_of(points)]
+    return short
 
 
 def _outward(points: FloatArray, normals: FloatArray, faces: IntArray) -> IntArray:

@@ -48,10 +48,10 @@ class Layout:
 
     @staticmethod
     def of(size: tuple[int, int], *, panel: bool) -> Layout:
-        """The layout for a picture of ``size`` (width, height); the ``panel`` and the chart need 640 x 360 at least."""
+        """The layout for a picture of ``size`` (width, height); the ``panel`` and the chart need 768 x 432 at least."""
         width, height = size
         unit = min(width / 1280, height / 720)
-        if not panel or unit < 0.5:
+        if not panel or unit < 0.6:
             return Layout(size, max(unit, 0.5), (0, 0, width, height), None, None)
         right, below = round(264 * unit), round(140 * unit)
         return Layout(

@@ -6,7 +6,12 @@ soft pads and the pressure on them show through it.
 
 from __future__ import annotations
 
+import multiprocessing
+import os
+import signal
+from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -31,8 +36,12 @@ CAMERAS = {"front": (0.0, 0.0), "right": (90.0, 0.0), "back": (180.0, 0.0), "lef
 """Names of cameras: azimuth from -y towards +x and height above the horizon, degrees."""
 REACH = 0.125
 """The floor's grid fades out at this distance from the middle, m."""
+FLAT = 2e-3
+"""What rises no higher than this above the floor counts as the floor, m."""
 NEAR = 0.12
 """An object farther than this from the fingertips has fallen, and the camera does not follow it, m."""
+WORTH_JOBS = 12
+"""Fewer frames are drawn before other processes have started."""
 Progress = Callable[[str, float], None]
 
 
@@ -51,6 +60,8 @@ class RenderOptions:
     """Simulated seconds per second of film."""
     labels: bool = True
     """Forces, time, scale and legend beside and over the scene."""
+    single: bool = False
+    """One picture, of the end, whatever the file."""
 
     def check(self) -> None:
         """Raises ``InvalidValueError`` or ``InvalidShapeError`` for what cannot be drawn."""
@@ -163,8 +174,10 @@ class Renderer:
         fine = Camera(coarse.axes, coarse.centre, FINE * coarse.scale, (FINE * width, FINE * height))
         xs, ys, _ = fine.plane(self.floor)
         self._lines = halved(floor_lines(xs, ys, self._middle, REACH)[..., None], FINE)[..., 0]
-        self.peak = self._peak(first, last)
-        self.overlay = Overlay(recording, self.layout, self.camera, self.peak, (start, end)) if self.options.labels else None
+        # Of a single moment, chart and colours are those of the whole recording.
+        shown = (start, end) if last > first else (float(recording.times[0]), float(recording.times[-1]))
+        self.peak = max(recording.peak_pressure(recording.step_at(shown[0]), recording.step_at(shown[1])), 1.0)
+        self.overlay = Overlay(recording, self.layout, self.camera, self.peak, shown) if self.options.labels else None
 
     def _camera(self, back: FloatArray, samples: list[SceneState], size: tuple[int, int]) -> Camera:
         """The camera that has all that moves in the picture."""
@@ -193,16 +206,6 @@ class Renderer:
         scale = float(min(size[0] / room[0], size[1] / room[1]))
         return Camera(camera.axes, camera.axes[:, :2] @ (0.5 * (low + high)), scale, size)
 
-    def _peak(self, first: int, last: int) -> float:
-        """Largest pressure on a fingertip within the steps to be drawn, Pa: the top of the colour scale."""
-        columns = self.recording.columns
-        ends = columns["contacts/end"]
-        rows = slice(int(ends[first - 1]) if first else 0, int(ends[last]))
-        tips = self.recording.model.fingertips()
-        mine = np.isin(columns["contacts/body_a"][rows], tips) | np.isin(columns["contacts/body_b"][rows], tips)
-        pressure = columns["contacts/pressure"][rows]
-        return max(float((pressure[mine] if tips else pressure).max(initial=0.0)), 1.0)
-
     def frame(self, step: int) -> Frame:
         """The picture of a step: (height, width, 3) ``uint8``."""
         state = self.recording.state(step)
@@ -223,8 +226,9 @@ class Renderer:
                 continue
             part = self.posed(state, i)
             if body.kind == "support" and self._has_floor:
-                # A support that is lowered sinks into the floor.
-                part = replace(part, faces=body.faces[(part.points[body.faces, 2] > self.floor - 1e-9).any(axis=1)])
+                # A support that is lowered sinks into the floor; a flat one that lies there is the floor.
+                above = part.points[body.faces, 2] > self.floor + FLAT
+                part = replace(part, faces=body.faces[above.any(axis=1)])
             (glass if body.kind == "object" and self._pads_show() else solid).append(part)
         return solid, glass
 
@@ -314,28 +318,76 @@ def joined(parts: list[Part]) -> Part:
     )
 
 
-def render(path: str | Path, out: str | Path, options: RenderOptions | None = None, *, progress: Progress | None = None) -> list[Path]:
-    """Draw the recording at ``path`` and write ``out``: ``.png`` (the last moment), ``.gif``, ``.mp4``, or a directory of PNG frames.
+def render(
+    path: str | Path,
+    out: str | Path,
+    options: RenderOptions | None = None,
+    *,
+    jobs: int | None = None,
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Draw the recording at ``path`` and write ``out``: ``.png`` (one moment), ``.gif``, ``.mp4``, or a directory of PNG frames.
 
-    Returns what was written. Raises the errors of ``quasirigid.errors``: ``MissingPackageError`` says what to install for an MP4.
+    ``jobs`` processes draw; ``None`` is one per core. Returns what was written. Raises the errors of ``quasirigid.errors``:
+    ``MissingPackageError`` says what to install for an MP4.
     """
     options, out = options or RenderOptions(), Path(out)
     options.check()
+    if jobs is not None and jobs < 1:
+        raise InvalidValueError("jobs", "at least 1 process", jobs, "leave --jobs out for one per core")
     with SceneRecording(path) as recording:
         _, end = span(recording, options)
-        single = out.suffix.lower() == ".png"
         # Asked before anything is drawn: a missing package is found out at once.
         with Film(open_writer(out, fps=options.fps, size=options.size)) as writer:
             renderer = Renderer(recording, options)
+            single = options.single or out.suffix.lower() == ".png"
             steps = [recording.step_at(end)] if single else list(renderer.steps())
-            last, drawn = -1, np.zeros((0, 0, 3), np.uint8)
+            needed = list(dict.fromkeys(steps))  # in slow motion a step is shown many times
+            drawn = iter(_draw_all(renderer, needed, jobs or os.cpu_count() or 1))
+            last, frame = -1, np.zeros((0, 0, 3), np.uint8)
             for i, step in enumerate(steps):
                 if step != last:
-                    last, drawn = step, renderer.frame(step)
-                writer.add(drawn)
+                    last, frame = step, next(drawn)
+                writer.add(frame)
                 if progress is not None:
                     progress(f"frame {i + 1} of {len(steps)}", (i + 1) / len(steps))
         return writer.paths
+
+
+def _draw_all(renderer: Renderer, steps: list[int], jobs: int) -> Iterator[Frame]:
+    """The pictures of the steps in their order, drawn by several processes if that pays."""
+    if jobs == 1 or len(steps) < WORTH_JOBS:
+        for step in steps:
+            yield renderer.frame(step)
+        return
+    # Fresh processes: an open HDF5 file must not be shared with a forked one.
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_prepare, initargs=(renderer.recording.columns.path, renderer.options))
+    try:
+        waiting: deque[Future[Frame]] = deque()
+        for step in steps:
+            waiting.append(pool.submit(_frame, step))
+            if len(waiting) > 2 * jobs:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+_mine: Renderer | None = None
+"""Of a process that draws."""
+
+
+def _prepare(path: Path, options: RenderOptions) -> None:
+    global _mine
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends the work
+    _mine = Renderer(SceneRecording(path), options)
+
+
+def _frame(step: int) -> Frame:
+    assert _mine is not None
+    return _mine.frame(step)
 
 
 __all__ = ["CAMERAS", "RenderOptions", "Renderer", "render"]

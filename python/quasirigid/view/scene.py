@@ -36,6 +36,8 @@ class BodyView:
     colour: Colour
     finger: int | None = None
     """Of a fingertip or a link: which finger it belongs to."""
+    frame: str = ""
+    """Bodies that name the same frame always have the same pose; empty: a pose of its own."""
 
 
 @dataclass(frozen=True, eq=False)

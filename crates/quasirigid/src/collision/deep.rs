@@ -51,7 +51,13 @@ pub(super) fn depth_inside(stack: &mut Vec<u32>, surface: &Surface, x: &Vec3) ->
 }
 
 /// The nearest point within `reach` (m) whose normal is accepted: its leaf's node, its index, its distance. Undeformed, frame of the body.
-fn nearest(stack: &mut Vec<u32>, surface: &Surface, x: &Vec3, reach: Real, accepts: impl Fn(&Vec3) -> bool) -> Option<(u32, usize, Real)> {
+pub(super) fn nearest(
+    stack: &mut Vec<u32>,
+    surface: &Surface,
+    x: &Vec3,
+    reach: Real,
+    accepts: impl Fn(&Vec3) -> bool,
+) -> Option<(u32, usize, Real)> {
     let nodes = &surface.tree.nodes;
     let clear = |index: u32| (nodes[index as usize].center - x).norm() - nodes[index as usize].radius;
     let (mut best, mut least) = (None, reach);

@@ -5,13 +5,14 @@
 //! after the free motion, a body at rest would be compared with a place where it never is, and the mismatch of second order would be a creep.
 
 mod broad_phase;
+mod coarse;
 mod deep;
 mod pair;
 mod projection;
 mod traversal;
 
 pub(crate) use pair::counts_as_rigid;
-pub use pair::{Pair, PatchSide};
+pub use pair::{Afar, Pair, PatchSide};
 pub use projection::Remembered;
 pub use traversal::{Coupled, Coupling};
 
@@ -108,7 +109,7 @@ pub(crate) fn collision(
     broad_phase::reach_of_bodies(bodies, free, &mut out.reach);
     broad_phase::near_bodies(bodies, &out.reach, params, &mut out.near);
     pair::match_pairs(pairs, &out.near, bodies, friction, params);
-    out.traversal.clear();
+    out.traversal.start(pairs.iter().filter(|pair| pair.near).count(), params.traversal_budget);
     for pair in pairs.iter_mut().filter(|pair| pair.near) {
         traversal::traverse(&mut out.traversal, pair, bodies, &out.reach, params);
     }

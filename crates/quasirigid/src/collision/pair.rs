@@ -17,6 +17,22 @@ pub struct PatchSide {
     pub active: Vec<u32>,
     /// Whether a control point is in `active`.
     pub is_active: Vec<bool>,
+    /// Where control points that follow from afar are going.
+    pub afar: Afar,
+}
+
+/// Control points that are moved by forces at others but are in no contact themselves: shown, and ready for when they are touched. Their static displacement under
+/// the present forces is kept and found anew only when those have changed by more than the solver's last digits, so that a patch at rest costs nothing.
+#[derive(Debug, Clone, Default)]
+pub struct Afar {
+    /// `K^-1 f` of each control point, m, where `found` is that of the present forces.
+    pub settled: Vec<Vec3>,
+    /// Which forces it was found for: the count below at that time.
+    pub found: Vec<u64>,
+    /// How often the forces have changed.
+    pub count: u64,
+    /// Those forces, N: control point and force.
+    pub forces: Vec<(u32, Vec3)>,
 }
 
 /// Two bodies that met. Each pair has an elastic memory of its own: two patches of different pairs on one surface do not see
@@ -62,6 +78,12 @@ impl PatchSide {
             displacement: vec![Vec3::zeros(); control_points],
             active: Vec::with_capacity(control_points.min(512)),
             is_active: vec![false; control_points],
+            afar: Afar {
+                settled: vec![Vec3::zeros(); control_points],
+                found: vec![0; control_points],
+                count: 0,
+                forces: Vec::with_capacity(control_points.min(512)),
+            },
         }
     }
 

@@ -6,7 +6,10 @@ use super::delassus::Delassus;
 use super::matrix_free::MatrixFree;
 use crate::error::{Error, Result, check_finite};
 use crate::math::{Mat3, Real, Vec3};
-use std::sync::Arc;
+use std::sync::OnceLock;
+
+/// Factors that cost more than this many products with the matrix are not worth it where a Krylov method would do.
+const DEAR_FACTORS: Real = 300.0;
 
 /// `W` (m/N) in block rows, with the reactions it is applied to.
 ///
@@ -19,8 +22,7 @@ pub struct Assembled {
     values: Vec<Mat3>,
     blocks: Vec<ContactBlock>,
     reactions: Vec<Vec3>,
-    /// For [`Delassus::solve_directly`].
-    pattern: Option<Arc<BlockPattern>>,
+    pattern: OnceLock<BlockPattern>,
 }
 
 impl Assembled {
@@ -58,7 +60,7 @@ impl Assembled {
                 )
             })?);
         }
-        Ok(Self { starts, columns, values, blocks, reactions: vec![Vec3::zeros(); n], pattern: None })
+        Ok(Self { starts, columns, values, blocks, reactions: vec![Vec3::zeros(); n], pattern: OnceLock::new() })
     }
 
     /// From all `n x n` blocks, row by row; blocks that are zero are left out.
@@ -111,15 +113,9 @@ impl Assembled {
         Some(&self.values[row.start + found])
     }
 
-    /// Makes [`Delassus::solve_directly`] work from here on.
-    pub(super) fn prepare_factors(&mut self) -> Arc<BlockPattern> {
-        match &self.pattern {
-            Some(pattern) => pattern.clone(),
-            None => {
-                let pattern = Arc::new(BlockPattern::new(self));
-                self.pattern.insert(pattern).clone()
-            }
-        }
+    /// The order of elimination for factors of this matrix; found at the first call.
+    pub(super) fn pattern(&self) -> &BlockPattern {
+        self.pattern.get_or_init(|| BlockPattern::new(self))
     }
 
     /// The rows and columns of `contacts`, which rise. All reactions are zero.
@@ -192,8 +188,12 @@ impl Delassus for Assembled {
         self.reactions[i] += change;
     }
 
-    fn solve_directly(&self, left: &[Mat3], diagonal: &[Mat3], b: &mut [Vec3]) -> bool {
-        let factors = self.pattern.as_ref().and_then(|pattern| pattern.factor(self, left, diagonal));
+    fn solve_directly(&self, left: &[Mat3], diagonal: &[Mat3], b: &mut [Vec3], late: &dyn Fn() -> bool) -> bool {
+        let pattern = self.pattern();
+        if pattern.cost() > DEAR_FACTORS * 9.0 * self.values.len() as Real {
+            return false;
+        }
+        let factors = pattern.factor(self, left, diagonal, late);
         factors.as_ref().inspect(|factors| factors.solve(b)).is_some()
     }
 }

@@ -2,21 +2,28 @@
 
 use super::assembled::Assembled;
 use super::contact_solve::ContactStatus;
+use super::deadline::Deadline;
 use super::delassus::Delassus;
 use super::interior_point::interior_point;
 use super::parameters::{Measure, SolverParameters, Stop};
+use super::proximal::proximal_newton;
 use super::residual::{AsGiven, natural_map_residual};
-use super::sweep::{Scratch, WORST_ERROR, name_statuses, solve};
+use super::sweep::{Scratch, WORST_ERROR, name_statuses, solve_until};
 use super::system::{ContactSystem, SystemSolution};
 use crate::error::{Error, Result, check_finite};
 use crate::math::{Real, Vec3};
-use std::time::Instant;
 
-/// Sweeps and Newton steps before heavier means: 40 of the one, 30 of the other.
-const FIRST_TRY: u32 = 72;
+/// Sweeps and Newton steps before heavier means. Most of them are not used: where sweeps crawl, they end after 40, and Newton steps after 30.
+const FIRST_TRY: u32 = 400;
 
-/// How the interior-point method is run, one after the other until it succeeds.
-const HOLDS: [Real; 3] = [0.1, 0.01, 1.0];
+/// What is tried on a part, one after the other until one succeeds.
+const METHODS: [Method; 5] = [
+    Method::Proximal { steps: 50 },
+    Method::InteriorPoint { hold: 0.1 },
+    Method::InteriorPoint { hold: 0.01 },
+    Method::InteriorPoint { hold: 1.0 },
+    Method::Proximal { steps: 400 },
+];
 
 /// Contacts at most in a part for direct methods.
 const LARGEST_DENSE: usize = 10_000;
@@ -31,6 +38,20 @@ const LEAST_TOLERANCE: Real = 1e-14;
 /// # Errors
 /// `InvalidValue` for bad parameters or a warm start that is not finite, `InvalidShape` if the warm start does not have one entry per contact.
 pub fn solve_system(system: &ContactSystem, parameters: &SolverParameters, warm_start: Option<&[Vec3]>) -> Result<SystemSolution> {
+    solve_system_until(system, parameters, warm_start, None)
+}
+
+/// [`solve_system`] with a way to end it: `interrupted` is asked every fraction of a millisecond, and should answer as quickly. The solution then
+/// stops with [`Stop::Interrupted`].
+///
+/// # Errors
+/// As [`solve_system`].
+pub fn solve_system_until(
+    system: &ContactSystem,
+    parameters: &SolverParameters,
+    warm_start: Option<&[Vec3]>,
+    interrupted: Option<&dyn Fn() -> bool>,
+) -> Result<SystemSolution> {
     parameters.check()?;
     let n = system.len();
     if let Some(start) = warm_start {
@@ -44,7 +65,7 @@ pub fn solve_system(system: &ContactSystem, parameters: &SolverParameters, warm_
         }
         check_finite("warm_start", start.iter().flat_map(|r| r.iter()))?;
     }
-    let deadline = parameters.time_budget.and_then(|budget| Instant::now().checked_add(budget));
+    let deadline = Deadline::new(parameters.time_budget, interrupted);
     let mut attempt = Attempt {
         reactions: warm_start.map_or_else(|| vec![Vec3::zeros(); n], <[Vec3]>::to_vec),
         status: vec![ContactStatus::Open; n],
@@ -55,7 +76,6 @@ pub fn solve_system(system: &ContactSystem, parameters: &SolverParameters, warm_
         deadline,
     };
     let mut w = system.w.clone();
-    w.prepare_factors();
     let mut stop = attempt.sweep(&mut w, &system.q, &system.mu, FIRST_TRY);
     let mut sums = attempt.sums(&mut w, &system.q, &system.mu);
     if stop == Stop::SweepCap && !attempt.is_over() {
@@ -68,13 +88,7 @@ pub fn solve_system(system: &ContactSystem, parameters: &SolverParameters, warm_
                 break;
             }
         }
-        stop = if sums.residual() <= parameters.tolerance {
-            Stop::Converged
-        } else if attempt.is_late() {
-            Stop::TimeBudget
-        } else {
-            Stop::SweepCap
-        };
+        stop = if sums.residual() <= parameters.tolerance { Stop::Converged } else { deadline.reason().unwrap_or(Stop::SweepCap) };
     }
     let Attempt { reactions, status, sweeps, newton_steps, .. } = attempt;
     let velocities: Vec<Vec3> = (0..n).map(|i| w.displacement(i) + system.q[i]).collect();
@@ -87,24 +101,29 @@ pub fn solve_system(system: &ContactSystem, parameters: &SolverParameters, warm_
     Ok(SystemSolution { reactions, velocities, status, residual, unit_free_residual, sweeps, newton_steps, stop })
 }
 
+/// A method that is heavier than sweeps, and how it is run.
+#[derive(Debug, Clone, Copy)]
+enum Method {
+    /// [`interior_point`], from the middle of the cones.
+    InteriorPoint { hold: Real },
+    /// [`proximal_newton`], from the best so far.
+    Proximal { steps: u32 },
+}
+
 /// A solve under way: the reactions so far, and what is left of the limits.
-struct Attempt {
+struct Attempt<'a> {
     reactions: Vec<Vec3>,
     status: Vec<ContactStatus>,
     sweeps: u32,
     newton_steps: u32,
     max_sweeps: u32,
     tolerance: Real,
-    deadline: Option<Instant>,
+    deadline: Deadline<'a>,
 }
 
-impl Attempt {
-    fn is_late(&self) -> bool {
-        self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
-    }
-
+impl Attempt<'_> {
     fn is_over(&self) -> bool {
-        self.sweeps >= self.max_sweeps || self.is_late()
+        self.sweeps >= self.max_sweeps || self.deadline.passed()
     }
 
     /// [`solve`] with at most `sweeps` more sweeps.
@@ -113,10 +132,10 @@ impl Attempt {
             tolerance: self.tolerance,
             max_sweeps: sweeps.min(self.max_sweeps.saturating_sub(self.sweeps)).max(1),
             min_sweeps: 0,
-            time_budget: self.deadline.map(|deadline| deadline.saturating_duration_since(Instant::now())),
+            time_budget: None,
             measure: Measure::AsGiven,
         };
-        let report = solve(w, q, mu, &mut self.reactions, &mut self.status, &parameters, &mut Scratch::default());
+        let report = solve_until(w, q, mu, &mut self.reactions, &mut self.status, &parameters, &mut Scratch::default(), self.deadline);
         self.sweeps += report.sweeps;
         self.newton_steps += report.newton_steps;
         report.stop
@@ -142,7 +161,6 @@ impl Attempt {
             let pick = |from: &[Vec3]| part.iter().map(|&i| from[i]).collect::<Vec<_>>();
             let (q, mu) = (pick(&system.q), part.iter().map(|&i| system.mu[i]).collect::<Vec<_>>());
             let mut w = if parts.len() == 1 { system.w.clone() } else { system.w.part(part) };
-            w.prepare_factors();
             let mut local = Attempt { reactions: pick(&self.reactions), status: part.iter().map(|&i| self.status[i]).collect(), ..*self };
             local.solve_part(&mut w, &q, &mu, goal, parts.len() > 1);
             (self.sweeps, self.newton_steps) = (local.sweeps, local.newton_steps);
@@ -164,33 +182,43 @@ impl Attempt {
             return;
         }
         if q.len() <= LARGEST_DENSE {
-            let pattern = w.prepare_factors();
-            for hold in HOLDS {
-                let (kept, deadline) = ((self.reactions.clone(), self.status.clone()), self.deadline);
-                let late = || deadline.is_some_and(|deadline| Instant::now() >= deadline);
-                // From an iterate that is not the best so far, a sweep may still find the solution.
-                let left = self.max_sweeps.saturating_sub(self.sweeps);
-                let outcome = interior_point(w, &pattern, q, mu, &mut self.reactions, Real::INFINITY, 0.1 * goal, hold, left, late);
-                self.sweeps += outcome.steps;
-                self.newton_steps += outcome.steps;
-                if outcome.error <= best {
-                    name_statuses(&self.reactions, mu, &mut self.status);
-                    best = outcome.error;
-                    self.improve(w, q, mu, FIRST_TRY, &mut best);
-                } else {
-                    let mut here = outcome.error;
-                    if self.improve(w, q, mu, FIRST_TRY, &mut here) < best {
-                        best = here;
-                    } else {
-                        (self.reactions, self.status) = kept;
-                    }
-                }
+            for method in METHODS {
+                self.try_method(w, q, mu, goal, method, &mut best);
                 if best <= goal || self.is_over() {
                     return;
                 }
             }
         }
-        self.improve(w, q, mu, u32::MAX, &mut best);
+        while !self.is_over() && best > goal {
+            let before = best;
+            self.improve(w, q, mu, u32::MAX, &mut best);
+            if best >= before {
+                break;
+            }
+        }
+    }
+
+    /// One of the heavier methods, and sweeps after it; all taken back if that is no better than `best`.
+    fn try_method(&mut self, w: &mut Assembled, q: &[Vec3], mu: &[Real], goal: Real, method: Method, best: &mut Real) {
+        let kept = (self.reactions.clone(), self.status.clone());
+        let (deadline, left) = (self.deadline, self.max_sweeps.saturating_sub(self.sweeps));
+        let late = || deadline.passed();
+        let outcome = match method {
+            Method::InteriorPoint { hold } => interior_point(w, q, mu, &mut self.reactions, Real::INFINITY, 0.1 * goal, hold, left, &late),
+            Method::Proximal { steps } => proximal_newton(w, q, mu, &mut self.reactions, 0.5 * goal, left.min(steps), &late),
+        };
+        self.sweeps += outcome.steps;
+        self.newton_steps += outcome.steps;
+        // From an iterate that is not the best so far, a sweep may still find the solution.
+        let mut here = outcome.error;
+        if here <= *best {
+            name_statuses(&self.reactions, mu, &mut self.status);
+        }
+        if self.improve(w, q, mu, FIRST_TRY, &mut here) <= *best {
+            *best = here;
+        } else {
+            (self.reactions, self.status) = kept;
+        }
     }
 
     /// Sweeps, taken back if they made things worse than `best`, which is returned.
@@ -250,7 +278,6 @@ fn connected_parts(w: &Assembled) -> Vec<Vec<usize>> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::block_lu::BlockPattern;
     use super::super::residual::residual_as_given;
     use super::*;
     use crate::math::Mat3;
@@ -319,10 +346,9 @@ mod tests {
     fn interior_point_finds_what_sweeps_crawl_to() {
         let (w, q, mu) = rigid_stack(3, 0.03);
         let system = ContactSystem::from_dense(&w, &q, &mu).unwrap();
-        for hold in HOLDS {
+        for hold in [0.1, 0.01, 1.0] {
             let mut r = vec![Vec3::zeros(); mu.len()];
-            let outcome =
-                interior_point(&system.w, &BlockPattern::new(&system.w), &system.q, &mu, &mut r, Real::INFINITY, 1e-9, hold, 60, || false);
+            let outcome = interior_point(&system.w, &system.q, &mu, &mut r, Real::INFINITY, 1e-9, hold, 60, &|| false);
             assert!(outcome.error < 1e-6, "hold {hold}: {:e} after {} steps", outcome.error, outcome.steps);
         }
     }

@@ -11,6 +11,9 @@ use super::dense_lu::DenseLu;
 use crate::math::{Mat3, Real, Vec3};
 use nalgebra::{DMatrix, DVector};
 
+/// Rows between two looks at the clock.
+const ROWS_AT_ONCE: usize = 16;
+
 /// The order of elimination, and which blocks the factors have.
 #[derive(Debug, Clone)]
 pub(super) struct BlockPattern {
@@ -143,8 +146,9 @@ impl BlockPattern {
         27.0 * sparse as Real + 0.25 * ((3 * (self.order.len() - self.sparse)) as Real).powi(3) / 3.0
     }
 
-    /// Factors of the matrix with blocks `left_i W_ij`, and `diagonal_i` added on the diagonal. `None` if a pivot cannot be inverted.
-    pub(super) fn factor(&self, w: &Assembled, left: &[Mat3], diagonal: &[Mat3]) -> Option<BlockLu<'_>> {
+    /// Factors of the matrix with blocks `left_i W_ij`, and `diagonal_i` added on the diagonal. `None` if a pivot cannot be inverted, or if
+    /// `late`, asked now and then, says that there is no time left.
+    pub(super) fn factor(&self, w: &Assembled, left: &[Mat3], diagonal: &[Mat3], late: &dyn Fn() -> bool) -> Option<BlockLu<'_>> {
         let n = self.order.len();
         let mut inverses = Vec::with_capacity(self.sparse);
         let (mut upper, mut lower) = (vec![Mat3::zeros(); self.upper.len()], vec![Mat3::zeros(); self.lower.len()]);
@@ -152,6 +156,9 @@ impl BlockPattern {
         // One row of the matrix, block by block; zero again after each row.
         let mut row = vec![Mat3::zeros(); n];
         for k in 0..n {
+            if k % ROWS_AT_ONCE == ROWS_AT_ONCE - 1 && late() {
+                return None;
+            }
             let i = self.order[k];
             for (j, block) in w.row(i) {
                 row[self.place[j]] += left[i] * block;
@@ -180,7 +187,7 @@ impl BlockPattern {
                 }
             }
         }
-        Some(BlockLu { pattern: self, inverses, upper, lower, full: DenseLu::new(full)? })
+        Some(BlockLu { pattern: self, inverses, upper, lower, full: DenseLu::new(full, late)? })
     }
 }
 
@@ -253,7 +260,7 @@ mod tests {
             let x: Vec<Vec3> = (0..n).map(|i| Vec3::new(1.0, i as Real, -0.5)).collect();
             let mut b: Vec<Vec3> = (0..n).map(|i| left[i] * w.row(i).map(|(j, w)| w * x[j]).sum::<Vec3>() + diagonal[i] * x[i]).collect();
             let pattern = BlockPattern::new(&w);
-            pattern.factor(&w, &left, &diagonal).unwrap().solve(&mut b);
+            pattern.factor(&w, &left, &diagonal, &|| false).unwrap().solve(&mut b);
             let error = b.iter().zip(&x).map(|(b, x)| (b - x).norm()).sum::<Real>() / (1.0 + x.iter().map(Vec3::norm).sum::<Real>());
             prop_assert!(error < 1e-10, "{n} contacts, share {share}: {error:e}");
         }
@@ -285,6 +292,6 @@ mod tests {
     fn a_singular_matrix_has_no_factors() {
         let w = random(4, 0.0, 1);
         let zero = vec![Mat3::zeros(); 4];
-        assert!(BlockPattern::new(&w).factor(&w, &zero, &zero).is_none());
+        assert!(BlockPattern::new(&w).factor(&w, &zero, &zero, &|| false).is_none());
     }
 }

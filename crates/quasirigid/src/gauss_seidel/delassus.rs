@@ -30,9 +30,10 @@ pub trait Delassus {
     fn add_reaction(&mut self, i: usize, change: &Vec3);
 
     /// Replaces `b` (N) by the `d` with `left_i (W d)_i + diagonal_i d_i = b_i`, if this operator has factors for that and they are cheap; says whether it did.
+    /// `late` is asked while that goes on, and ends it.
     /// `left` in N/m, `diagonal` without unit. Newton's method falls back on products with `W` otherwise.
-    fn solve_directly(&self, left: &[Mat3], diagonal: &[Mat3], b: &mut [Vec3]) -> bool {
-        let _ = (left, diagonal, b);
+    fn solve_directly(&self, left: &[Mat3], diagonal: &[Mat3], b: &mut [Vec3], late: &dyn Fn() -> bool) -> bool {
+        let _ = (left, diagonal, b, late);
         false
     }
 }

@@ -20,7 +20,6 @@
 //! where `p` is by how much the first equation fails and `Theta x = y`. The matrix is that of the problem with other blocks on its diagonal, and is factored as it is ([`super::block_lu`]).
 
 use super::assembled::Assembled;
-use super::block_lu::BlockPattern;
 use super::delassus::Delassus;
 use super::residual::{natural_map, project_on_cone};
 use crate::math::{Mat3, Real, Vec3};
@@ -55,7 +54,6 @@ pub(super) struct Outcome {
 #[allow(clippy::too_many_arguments)] // one caller
 pub(super) fn interior_point(
     w: &Assembled,
-    pattern: &BlockPattern,
     q: &[Vec3],
     mu: &[Real],
     r: &mut [Vec3],
@@ -63,7 +61,7 @@ pub(super) fn interior_point(
     goal: Real,
     hold: Real,
     steps: u32,
-    late: impl Fn() -> bool,
+    late: &dyn Fn() -> bool,
 ) -> Outcome {
     let n = mu.len();
     let mut outcome = Outcome { error: start_error, steps: 0 };
@@ -134,7 +132,7 @@ pub(super) fn interior_point(
             block.set_row(0, &normal);
             theta[i] = block;
         }
-        let Some(factors) = pattern.factor(&a, &unit, &theta) else { return outcome };
+        let Some(factors) = w.pattern().factor(&a, &unit, &theta, late) else { return outcome };
         let direction = |target: Real, dx: &mut [Vec3], dy: &mut [Vec3]| {
             for i in 0..n {
                 let inverse = Vec3::new(x[i].x, -x[i].y, -x[i].z) / determinant(&x[i]);

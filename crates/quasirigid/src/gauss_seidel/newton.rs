@@ -86,12 +86,12 @@ impl Newton {
         mu: &[Real],
         f: &mut [Vec3],
         limit: Real,
-        late: impl Fn() -> bool,
+        late: &dyn Fn() -> bool,
     ) {
         let n = f.len();
         let residual = residual_about(w, delta_free, mu, f, 0.0, f);
         self.before[..n].copy_from_slice(f);
-        self.find_direction(w, delta_free, mu, f, &late);
+        self.find_direction(w, delta_free, mu, f, late);
         let mut best = (Real::INFINITY, 0.0);
         for length in LENGTHS {
             let moved = self.place(w, f, length);
@@ -128,7 +128,7 @@ impl Newton {
     }
 
     /// Solves `d_i + T_i ((W d)_i - W_ii d_i) = S_i(b_i) - f_i` for `d` by GMRES (Saad and Schultz 1986), from zero.
-    fn find_direction<W: Delassus>(&mut self, w: &mut W, delta_free: &[Vec3], mu: &[Real], f: &[Vec3], late: &impl Fn() -> bool) {
+    fn find_direction<W: Delassus>(&mut self, w: &mut W, delta_free: &[Vec3], mu: &[Real], f: &[Vec3], late: &dyn Fn() -> bool) {
         let n = f.len();
         // The damped contact has block (1 + alpha) W_ii; by scaling, its solution for b is that of W_ii for b / (1 + alpha).
         let softer = 1.0 + self.damping;
@@ -148,7 +148,7 @@ impl Newton {
         if self.direct {
             let diagonal: Vec<Mat3> = (0..n).map(|i| Mat3::identity() - self.slopes[i] * w.diagonal_block(i).matrix()).collect();
             self.step[..n].copy_from_slice(&self.basis[..n]);
-            if w.solve_directly(&self.slopes[..n], &diagonal, &mut self.step[..n]) {
+            if w.solve_directly(&self.slopes[..n], &diagonal, &mut self.step[..n], late) {
                 return;
             }
             self.step[..n].fill(Vec3::zeros());
@@ -216,7 +216,7 @@ impl Newton {
 ///
 /// With a drag `d` (N/m) the last equation is `(1 - d s) |f_t| = mu f_n`: `v = (-mu |f_t|, (1 - d s) f_t)`, and `d |f_t|^2` is added to `v . u`. Where drag holds the contact
 /// at `f_n = 0` it is `f_n = 0`: `v = (1, 0)`.
-fn slope(w: &Mat3, b: &Vec3, mu: Real, drag: Real, f: &Vec3, status: ContactStatus) -> Mat3 {
+pub(super) fn slope(w: &Mat3, b: &Vec3, mu: Real, drag: Real, f: &Vec3, status: ContactStatus) -> Mat3 {
     match status {
         ContactStatus::Open => Mat3::zeros(),
         ContactStatus::Stick => w.try_inverse().unwrap_or_else(Mat3::zeros),

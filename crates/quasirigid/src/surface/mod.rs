@@ -10,6 +10,7 @@ pub mod kernel;
 mod lane;
 mod local_fit;
 pub mod moving_least_squares;
+pub(crate) mod nearest;
 pub mod neighbours;
 pub mod normals;
 pub mod point_surface;
