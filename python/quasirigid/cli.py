@@ -170,6 +170,15 @@ def grasp(
     idle: Annotated[
         float, typer.Option(metavar="SECONDS", help="The session ends when nothing has come for so long.", rich_help_panel=MOCAP)
     ] = 3.0,
+    feedback: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="TARGET",
+            help="Send what the fingers feel: udp:HOST:PORT (JSON) or tfb:HOST (tactile thimbles); may be given several times.",
+            rich_help_panel=MOCAP,
+        ),
+    ] = None,
+    feedback_rate: Annotated[float, typer.Option(metavar="HERTZ", help="How often.", rich_help_panel=MOCAP)] = 60.0,
 ) -> None:
     """Grasp an object, hold it, lift it, shake it, put it down; report how well it was held."""
     from quasirigid.grasp import run_grasp
@@ -206,6 +215,8 @@ def grasp(
                 idle=idle,
                 out=out,
                 record=record,
+                feedback=feedback or (),
+                feedback_rate=feedback_rate,
                 as_json=as_json,
             )
         return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,8 @@ from rich.table import Table
 
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap import Calibration
-from quasirigid.mocap.session import MocapOptions, MocapResult, run_mocap
+from quasirigid.mocap.feedback import RATE, Feedback
+from quasirigid.mocap.session import OBSERVED, MocapOptions, MocapResult, run_mocap
 from quasirigid.mocap.stream import NetworkSource, open_source
 
 
@@ -31,6 +33,8 @@ def grasp_mocap(
     idle: float,
     out: Path,
     record: Path | None,
+    feedback: Sequence[str] = (),
+    feedback_rate: float = RATE,
     as_json: bool,
 ) -> None:
     """Run a session and print what became of it."""
@@ -42,14 +46,19 @@ def grasp_mocap(
         idle=idle,
     )
     mocap.check()
+    sinks = [Feedback(text, rate=feedback_rate) for text in feedback]
     stream = open_source(source, bind=bind)
     try:
         if isinstance(stream, NetworkSource):
             host, port = stream.address
             _say(f"listening on UDP {host}:{port}; Ctrl-C ends it")
-        result = run_mocap(options, mocap, stream, out, record=record, told=_say)
+        result = run_mocap(options, mocap, stream, out, record=record, observers=sinks, observed=max(OBSERVED, feedback_rate), told=_say)
     finally:
+        for sink in sinks:
+            sink.close()
         stream.close()
+    for sink in sinks:
+        _say(f"feedback: {sink.sent} datagrams to {sink.address[0]}:{sink.address[1]}, {sink.failed} could not be sent")
     if as_json:
         typer.echo(json.dumps(result.summary, indent=2, allow_nan=False))
     else:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -92,8 +92,8 @@ Observer = Callable[[Look], None]
 class MocapSession:
     """The scene of ``quasirigid grasp`` on its support, and the hand that ``source`` tells of."""
 
-    def __init__(self, options: GraspOptions, mocap: MocapOptions, source: Source) -> None:
-        """Build the scene. Raises the errors of ``quasirigid.errors``."""
+    def __init__(self, options: GraspOptions, mocap: MocapOptions, source: Source, *, observed: float = OBSERVED) -> None:
+        """Build the scene. ``observed``: times per second of simulated time that it is looked at. Raises the errors of ``quasirigid.errors``."""
         mocap.check()
         self.options, self.mocap, self.source = options, mocap, source
         self.stage = Stage.build(options, pedestal=PEDESTAL, time_budget=SOLVER_BUDGET if source.paced else None)
@@ -106,7 +106,7 @@ class MocapSession:
         self._decoder = HandDecoder(mocap.side, bodies=mocap.bodies)
         self._tracker = HandTracker(mocap.side, calibration=mocap.calibration, delay=mocap.delay)
         self._last_arrival = source.now()
-        self._every = max(1, round(1.0 / (OBSERVED * options.dt)))
+        self._every = max(1, round(1.0 / (observed * options.dt)))
         self.coupling: Coupling | None = None
         self.pace: Pace | None = None
         self.outcome: Outcome | None = None
@@ -312,14 +312,15 @@ def run_mocap(
     out: Path,
     *,
     record: Path | None = None,
-    observers: tuple[Observer, ...] = (),
+    observers: Sequence[Observer] = (),
+    observed: float = OBSERVED,
     told: Callable[[str], None] | None = None,
 ) -> MocapResult:
     """Run a session until its stream has ended or Ctrl-C, and leave ``summary.json`` and ``recording.h5`` in the directory ``out``.
 
-    ``told`` is called with what goes on. Raises the errors of ``quasirigid.errors``.
+    ``observers`` are called with what is seen ``observed`` times per second of simulated time, ``told`` with what goes on. Raises the errors of ``quasirigid.errors``.
     """
-    session = MocapSession(options, mocap, source)
+    session = MocapSession(options, mocap, source, observed=observed)
     session.observers += observers
     out.mkdir(parents=True, exist_ok=True)
     path: Path | None = None

@@ -1,0 +1,106 @@
+"""What the fingers feel, sent to the person: contact forces and slip, for vibrotactile or force devices.
+
+``udp:HOST:PORT`` sends one JSON object per datagram; ``tfb:HOST`` the line ``tfb`` that drives the tactile thimbles of ART's fingertracking, to the
+controller's UDP port 50110.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import json
+import math
+import socket
+from typing import Any, Protocol
+
+from quasirigid.errors import InvalidValueError
+from quasirigid.mocap import PARTS
+from quasirigid.mocap.session import Look
+
+TFB_PORT = 50_110
+FULL_FORCE = 5.0
+"""Pressing force at which a thimble is told its full strength, N."""
+RATE = 60.0
+"""Times per second, unless told otherwise."""
+
+
+class Sink(Protocol):
+    """Something that a look is made into bytes for."""
+
+    def encode(self, look: Look) -> bytes:
+        """One datagram."""
+
+
+class JsonSink:
+    """A JSON object: ``time`` s, ``phase``, and for each finger ``force`` (3) N on it, world, ``pressing`` N, ``slip`` 0 to 1, ``state``."""
+
+    def encode(self, look: Look) -> bytes:
+        """One datagram."""
+        return json.dumps(as_json(look), allow_nan=False).encode()
+
+
+class TfbSink:
+    """DTrack's tactile feedback: strengths 0 to 1 of the fingers of one hand."""
+
+    def __init__(self, hand: int = 0, full_force: float = FULL_FORCE) -> None:
+        """``hand`` is DTrack's number of the hand, from 0; ``full_force`` N."""
+        self._hand, self._full = hand, full_force
+
+    def encode(self, look: Look) -> bytes:
+        """``tfb n`` and for each finger ``[hand finger 1.0 strength]``, with a NUL at the end."""
+        strengths = (min(1.0, max(0.0, float(force) / self._full)) for force in look.pressing)
+        blocks = "".join(f"[{self._hand} {row} 1.0 {strength:.3f}]" for row, strength in zip(look.rows, strengths, strict=True))
+        return f"tfb {len(look.rows)} {blocks}".encode("ascii") + b"\0"
+
+
+def as_json(look: Look) -> dict[str, Any]:
+    """What ``JsonSink`` sends, and what a websocket may send too. ``state`` is ``open``, ``stick`` or ``slip``: slip if most of the force slips."""
+    fingers = {
+        PARTS[row]: {
+            "force": [round(float(x), 6) for x in force],
+            "pressing": round(float(press), 6),
+            "slip": round(float(slip), 4),
+            "state": "open" if press <= 0.0 else "slip" if slip > 0.5 else "stick",
+        }
+        for row, force, press, slip in zip(look.rows, look.force, look.pressing, look.slipping, strict=True)
+    }
+    return {"time": round(look.time, 6), "phase": look.phase, "fingers": fingers}
+
+
+class Feedback:
+    """Sends looks of a session to one address, ``rate`` times per second of simulated time. Never waits, never fails: what cannot be sent is counted."""
+
+    def __init__(self, text: str, *, rate: float = RATE) -> None:
+        """``text`` is ``udp:HOST:PORT`` or ``tfb:HOST[:PORT]``. Raises ``InvalidValueError``."""
+        if not (math.isfinite(rate) and 0.0 < rate <= 1000.0):
+            raise InvalidValueError("--feedback-rate", "a number from 0 to 1000 (Hz)", rate, f"{RATE:g} is the default")
+        kind, _, rest = text.partition(":")
+        host, _, port = rest.rpartition(":") if kind == "udp" or rest.count(":") == 1 else (rest, "", str(TFB_PORT))
+        if kind not in ("udp", "tfb") or not host or not port.isdecimal() or not 0 < int(port) < 65_536:
+            raise InvalidValueError("--feedback", "udp:HOST:PORT or tfb:HOST", text, "udp:127.0.0.1:9000 sends JSON to this machine")
+        try:
+            address = socket.gethostbyname(host)
+            ipaddress.IPv4Address(address)
+        except (OSError, ValueError, UnicodeError):
+            raise InvalidValueError("--feedback", "a host that is known", host, "give its address, such as 192.168.0.7") from None
+        self.address = (address, int(port))
+        self.sink: Sink = JsonSink() if kind == "udp" else TfbSink()
+        self.sent = self.failed = 0
+        self._period, self._next = 1.0 / rate, 0.0
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+
+    def __call__(self, look: Look) -> None:
+        """Send it if it is time."""
+        if look.time < self._next:
+            return
+        # On a fixed raster, so that the rate is right on average; the tolerance is for sums of time steps.
+        self._next = (math.floor(look.time / self._period + 1e-6) + 1) * self._period - 1e-9
+        try:
+            self._socket.sendto(self.sink.encode(look), self.address)
+            self.sent += 1
+        except OSError:
+            self.failed += 1
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()

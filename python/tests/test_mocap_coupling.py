@@ -1,0 +1,122 @@
+"""Springs to a tracker of any rate, with loss, jitter, duplicates and overtaking: no jump, no energy out of nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quasirigid import mocap
+from quasirigid.grasp import GRAVITY, Stage
+from quasirigid.grasp_options import GraspOptions
+from quasirigid.mocap.coupling import PAD_MASS, TipCoupling, _product, _rotation_vector
+from quasirigid.summary import FloatArray, conjugate, rotate
+
+FROM, TO = 1.6, 5.9
+"""The part of the take that closes, lifts by 10 cm and turns, s."""
+DT = 4e-3
+
+
+def disturbed(rate: float, seed: int) -> tuple[list[mocap.HandFrame], float]:
+    """Frames of the shipped motion as a bad network brings them, by arrival, and the largest speed of a tip of the hand, m/s."""
+    random = np.random.default_rng(seed)
+    frames = mocap.Take.pinch(rate=rate, noise=0.0, tremor=0.0).frames(mocap.HandDecoder("right"))
+    frames = [frame for frame in frames if FROM - 0.5 <= frame.time - 36_000.0 <= TO]
+    tips = np.array([frame.positions[:3] for frame in frames if frame.time - 36_000.0 >= FROM])
+    steps = np.linalg.norm(np.diff(tips, axis=0), axis=2)
+    out = []
+    for frame in frames:
+        if random.random() < 0.2:
+            continue
+        for _ in range(2 if random.random() < 0.1 else 1):
+            arrival = frame.time - 36_000.0 + random.uniform(0.0, 0.01)
+            out.append(
+                mocap.HandFrame(
+                    "right", frame.positions, frame.quaternions, frame.pad_radii, frame.tracked, time=frame.time, arrival=arrival
+                )
+            )
+    return sorted(out, key=lambda frame: frame.arrival), float(np.nanmax(steps)) * rate
+
+
+@pytest.mark.parametrize("rate", [30.0, 60.0, 120.0, 240.0, 500.0])
+def test_springs_to_a_bad_stream_neither_jump_nor_make_energy(rate: float) -> None:
+    frames, fastest = disturbed(rate, seed=int(rate))
+    stage = Stage.build(GraspOptions(points=6000, dt=DT))
+    tracker = mocap.HandTracker("right")
+    coupling: TipCoupling | None = None
+    step_max, worst, work, started = 0.0, -np.inf, 0.0, 0.0
+    before: tuple[FloatArray, FloatArray] | None = None
+    for step in range(round((TO - FROM + 0.4) / DT)):
+        now = FROM - 0.4 + step * DT
+        while frames and frames[0].arrival <= now:
+            tracker.push(frames.pop(0))
+        targets = tracker.sample(now)
+        if targets is None or now < FROM:
+            continue
+        if coupling is None:
+            coupling = TipCoupling(stage.world, targets, stage.pad)
+            thing, pads = stage.object, coupling.pads
+        places = np.array([pad.position for pad in pads])
+        coupling.follow(targets)
+        aims = aimed_at(coupling, targets)
+        stage.world.step()
+        moved = np.array([pad.position for pad in pads]) - places
+        step_max = max(step_max, float(np.linalg.norm(moved, axis=1).max()))
+        # The hand moves the targets against the pull of the springs at the end of the step.
+        if before is not None:
+            work += hand_work(coupling, targets, before, aims)
+        before = aims
+        energy = energy_of(stage, coupling, aims)
+        started = started or energy
+        worst = max(worst, energy - started - work)
+    assert coupling is not None
+    lift = float(thing.position[2] - stage.start[2])
+    print(
+        f"{rate:.0f} Hz: largest step {step_max / (fastest * DT):.2f} of the hand's, energy made {1e3 * worst:.3f} mJ of {1e3 * work:.1f}, lift {lift:.4f}"
+    )
+    assert step_max < 1.3 * fastest * DT, f"{1e3 * step_max:.2f} mm in a step; the hand itself {1e3 * fastest * DT:.2f} mm"
+    assert worst < 2e-4, f"{1e3 * worst:.3f} mJ out of nothing; the hand did {1e3 * work:.1f} mJ"
+    assert 0.095 < lift < 0.105, f"lifted by {1e3 * lift:.1f} mm"
+
+
+def aimed_at(coupling: TipCoupling, targets: mocap.HandTargets) -> tuple[FloatArray, FloatArray]:
+    """Where the springs of the step pull: places (n, 3) and quaternions (n, 4)."""
+    places, turns, _ = coupling._pads(targets)
+    rows = list(coupling.rows)
+    return places[rows], turns[rows]
+
+
+def pulls(coupling: TipCoupling, aims: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Stretches of the springs now, (n, 3) m and rad."""
+    linear = aims[0] - np.array([pad.position for pad in coupling.pads])
+    turns = zip(aims[1], coupling.pads, strict=True)
+    return linear, np.array([_rotation_vector(_product(turn, conjugate(pad.quaternion))) for turn, pad in turns])
+
+
+def hand_work(
+    coupling: TipCoupling, targets: mocap.HandTargets, before: tuple[FloatArray, FloatArray], aims: tuple[FloatArray, FloatArray]
+) -> float:
+    """What the person has done in this step, J: pull of springs and dampers times the way of their ends."""
+    (k, kr), (d, dr) = coupling.springs.stiffness, coupling.springs.damping
+    rows = list(coupling.rows)
+    linear, angular = pulls(coupling, aims)
+    omega = targets.angular_velocities[rows]
+    _, _, arms = coupling._pads(targets)
+    v = targets.linear_velocities[rows] + np.cross(omega, arms[rows])
+    slip = v - np.array([pad.linear_velocity for pad in coupling.pads])
+    twist = omega - np.array([pad.angular_velocity for pad in coupling.pads])
+    turned = np.array([_rotation_vector(_product(b, conjugate(a))) for a, b in zip(before[1], aims[1], strict=True)])
+    springs = k * np.sum(linear * (aims[0] - before[0])) + kr * np.sum(angular * turned)
+    return float(springs + d * DT * np.sum(slip * v) + dr * DT * np.sum(twist * omega))
+
+
+def energy_of(stage: Stage, coupling: TipCoupling, aims: tuple[FloatArray, FloatArray]) -> float:
+    """Kinetic energy of box and pads, height of the box, springs, J. What the soft surfaces hold comes on top and is never negative."""
+    (k, kr), thing = coupling.springs.stiffness, stage.object
+    linear, angular = pulls(coupling, aims)
+    inertia = stage.taken.mass.inertia
+    turn = conjugate(thing.quaternion)
+    spin = rotate(turn, thing.angular_velocity)
+    mass = thing.mass
+    kinetic = 0.5 * mass * np.sum(thing.linear_velocity**2) + 0.5 * spin @ inertia @ spin
+    kinetic += sum(0.5 * PAD_MASS * np.sum(pad.linear_velocity**2) for pad in coupling.pads)
+    return float(kinetic + mass * GRAVITY * thing.position[2] + 0.5 * k * np.sum(linear**2) + 0.5 * kr * np.sum(angular**2))
