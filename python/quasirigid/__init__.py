@@ -11,9 +11,11 @@ True
 from quasirigid._quasirigid import (
     STAGES,
     Body,
+    ComplianceMatrix,
     Contacts,
     ContactSolution,
     ContactStatus,
+    Friction,
     Grip,
     Hand,
     HandModel,
@@ -39,16 +41,19 @@ from quasirigid.grasp_plan import GraspPlan, HandGeometry, plan_grasp
 from quasirigid.objects import ObjectGeometry, load_object
 from quasirigid.recording import Column, Recorder, Recording
 from quasirigid.solver import ContactProblem, solve_contacts
+from quasirigid.view import open_view as view
 
 __all__ = [
     "STAGES",
     "Body",
     "Column",
+    "ComplianceMatrix",
     "ContactProblem",
     "ContactSolution",
     "ContactStatus",
     "Contacts",
     "DegenerateSurfaceError",
+    "Friction",
     "GraspPlan",
     "GraspPlanError",
     "Grip",
@@ -74,4 +79,5 @@ __all__ = [
     "load_object",
     "plan_grasp",
     "solve_contacts",
+    "view",
 ]

@@ -24,6 +24,7 @@ STAGES: tuple[str, str, str, str, str]
 
 Motion = Literal["inertial", "quasi-static", "fixed"]
 Compliance = Literal["local", "half-space"]
+FrictionRule = Literal["geometric-mean", "minimum", "maximum", "mean", "product"]
 FloatArray = npt.NDArray[np.float64]
 
 @final
@@ -81,6 +82,9 @@ class Surface:
     def control_points(self) -> FloatArray:
         """(m, 3) m, body frame."""
     @property
+    def control_normals(self) -> FloatArray:
+        """(m, 3) unit outward normals at the control points, body frame."""
+    @property
     def control_areas(self) -> FloatArray:
         """(m,) m^2; the sum is ``area``."""
     @property
@@ -126,6 +130,76 @@ class MassProperties:
         """The same body, made of a denser or lighter stuff, so that it weighs ``mass`` kg."""
 
 @final
+class ComplianceMatrix:
+    """A compliance of your own over the control points of one surface: a finite-element model condensed to its surface, say.
+
+    Give it to ``Material.replace(compliance=...)``. A material with it is good for that surface only.
+    """
+
+    def __init__(self, matrix: npt.ArrayLike) -> None:
+        """``matrix`` (3m, 3m) m/N: displacement of every control point under a unit force at each. Row and column ``3 i + k`` are axis ``k``
+        (x, y, z of the body frame) of ``Surface.control_points[i]``.
+
+        It must be symmetric (within 1e-8 of its largest entry; the symmetric part is kept) and positive semidefinite (no eigenvalue below -1e-9 of
+        that entry); to check takes about two seconds for 1,000 control points, and milliseconds for 100. Raises ``InvalidShapeError`` or
+        ``InvalidValueError``, which say what was found.
+        """
+    @property
+    def matrix(self) -> FloatArray:
+        """(3m, 3m) m/N, as it is used."""
+    @property
+    def asymmetry(self) -> float:
+        """Largest difference between an entry and its mirror image that was found, over the largest entry."""
+    def __len__(self) -> int:
+        """Number of control points ``m``."""
+
+@final
+class Friction:
+    """Coulomb friction and what goes beyond it. Immutable.
+
+    A contact sticks up to ``static`` times its normal force. While it slips with speed v its coefficient is
+    ``kinetic + (static - kinetic) * exp(-(v / stribeck_velocity)**2)``, and a viscous traction ``viscous * v`` comes on top.
+    With a ``direction`` these coefficients hold along it, and are ``ratio`` times as large across it: the friction circle
+    becomes an ellipse. ``Friction(0.5)`` is Coulomb's law.
+    """
+
+    def __init__(
+        self,
+        static: float,
+        kinetic: float | None = None,
+        *,
+        stribeck_velocity: float = 1e-3,
+        viscous: float = 0.0,
+        direction: npt.ArrayLike | None = None,
+        ratio: float | None = None,
+    ) -> None:
+        """``static`` and ``kinetic`` (the same, if left out) have no unit; ``stribeck_velocity`` m/s; ``viscous`` Pa s/m.
+
+        ``direction`` (3,), of any length, is in the frame of the surface's points (of a finger: of its last link), and goes
+        with ``ratio`` from 0.01 to 100. Where it is normal to the surface, every tangent is across it.
+
+        Raises ``InvalidValueError`` for what no friction is: a negative or non-finite number, ``kinetic`` above ``static``.
+        """
+    @property
+    def static(self) -> float: ...
+    @property
+    def kinetic(self) -> float: ...
+    @property
+    def stribeck_velocity(self) -> float:
+        """m/s."""
+    @property
+    def viscous(self) -> float:
+        """Pa s/m: traction per slip speed."""
+    @property
+    def direction(self) -> FloatArray | None:
+        """(3,) unit, frame of the surface's points; ``None`` if friction is the same in all directions."""
+    @property
+    def ratio(self) -> float:
+        """Coefficients across ``direction`` over those along it."""
+    def coefficient(self, speed: float) -> float:
+        """The coefficient along ``direction`` at a slip speed (m/s), without the viscous part."""
+
+@final
 class Material:
     """What a surface is made of. Immutable; ``replace`` gives a changed copy."""
 
@@ -140,14 +214,18 @@ class Material:
         *,
         name: str | None = None,
         density: float | None = None,
-        friction: float | None = None,
+        friction: float | Friction | None = None,
         young_modulus: float | None = None,
         poisson_ratio: float | None = None,
         layer_thickness: float | None = None,
         relaxation_time: float | None = None,
-        compliance: Compliance | None = None,
+        compliance: Compliance | ComplianceMatrix | npt.ArrayLike | None = None,
     ) -> Material:
-        """A copy with the fields given changed. Raises ``InvalidValueError`` for a figure no material has."""
+        """A copy with the fields given changed. Raises ``InvalidValueError`` for a figure no material has.
+
+        ``compliance`` is ``"local"``, ``"half-space"``, or a matrix of your own for one surface: see ``ComplianceMatrix``. Young's modulus,
+        Poisson's ratio and layer thickness have no effect on a matrix.
+        """
     @property
     def name(self) -> str: ...
     @property
@@ -155,7 +233,10 @@ class Material:
         """kg/m^3."""
     @property
     def friction(self) -> float:
-        """Coulomb coefficient against itself. A pair of materials has the geometric mean of the two."""
+        """Static friction coefficient against itself. ``World.friction_rule`` makes that of a pair from the two."""
+    @property
+    def friction_law(self) -> Friction:
+        """Friction against itself, all of it."""
     @property
     def young_modulus(self) -> float:
         """Pa."""
@@ -169,8 +250,11 @@ class Material:
     def relaxation_time(self) -> float:
         """Viscoelastic time constant of the surface, s."""
     @property
-    def compliance(self) -> Compliance:
-        """``"local"`` (Gaussian, Le Garrec et al. 2006) or ``"half-space"`` (Boussinesq and Cerruti)."""
+    def compliance(self) -> Literal["local", "half-space", "matrix"]:
+        """``"local"`` (Gaussian, Le Garrec et al. 2006), ``"half-space"`` (Boussinesq and Cerruti) or ``"matrix"`` (your own)."""
+    @property
+    def compliance_matrix(self) -> ComplianceMatrix | None:
+        """The matrix, where ``compliance`` is ``"matrix"``."""
 
 @final
 class HandModel:
@@ -210,6 +294,16 @@ class Body:
     @property
     def mass(self) -> float:
         """kg; 0 for a fixed body."""
+    @property
+    def surface(self) -> Surface | None:
+        """The surface at rest, body frame."""
+    @property
+    def material(self) -> Material | None:
+        """What the surface is made of. Settable: holds from the next step on, what is elastically displaced stays so."""
+    @material.setter
+    def material(self, value: Material) -> None: ...
+    def set_mass(self, mass: MassProperties | float) -> None:
+        """Another mass, as in ``World.add_body``; pose and velocities stay. Raises ``InvalidValueError`` for a fixed body."""
     @property
     def position(self) -> FloatArray:
         """Origin of the body frame, (3,) m, world."""
@@ -256,6 +350,8 @@ class Body:
 
     def deformed_normals(self) -> FloatArray:
         """Outward unit normals of the deformed points, (n, 3), world. Computed when asked for: a step does not need them."""
+    def moved_points(self) -> tuple[npt.NDArray[np.uint32], FloatArray]:
+        """The points of the surface that are displaced: their indices (k,) and where they are, (k, 3) m, body frame."""
     def displacements(self) -> FloatArray:
         """Elastic displacement ``u`` at the control points, (m, 3) m, body frame."""
 
@@ -312,6 +408,15 @@ class Hand:
 
     def deformed_normals(self, finger: int) -> FloatArray:
         """Outward unit normals of the deformed points of a fingertip, (n, 3), world."""
+    def moved_points(self, finger: int) -> tuple[npt.NDArray[np.uint32], FloatArray]:
+        """The displaced points of a fingertip: their indices (k,) and where they are, (k, 3) m, frame of its last link."""
+    def surface(self, finger: int) -> Surface | None:
+        """A fingertip at rest, frame of its last link."""
+    @property
+    def material(self) -> Material | None:
+        """What the fingertips are made of. Settable: holds from the next step on."""
+    @material.setter
+    def material(self, value: Material) -> None: ...
     def displacements(self, finger: int) -> FloatArray:
         """Elastic displacement ``u`` at the control points of the fingertip, (m, 3) m, frame of its link."""
     def grip(
@@ -400,7 +505,10 @@ class Contacts:
         """(n,) Pa, normal force over area."""
     @property
     def friction(self) -> FloatArray:
-        """(n,) Coulomb coefficient of the pair."""
+        """(n,) friction coefficient, along tangent1. Falls with slip speed if the pair's kinetic coefficient is lower."""
+    @property
+    def friction_ratio(self) -> FloatArray:
+        """(n,) friction coefficient along tangent2 over that along tangent1: 1 unless friction has a direction."""
     @property
     def status(self) -> npt.NDArray[np.uint8]:
         """(n,) values of ``ContactStatus``."""
@@ -522,6 +630,7 @@ class World:
         time_budget: float | None = None,
         traversal_budget: int | None = None,
         contact_margin: float | None = None,
+        friction_rule: FrictionRule = "geometric-mean",
     ) -> None:
         """An empty world.
 
@@ -529,14 +638,25 @@ class World:
         ``tolerance`` residual at which Gauss-Seidel stops, without unit; ``max_sweeps`` its cap; ``time_budget`` seconds
         after which it stops wherever it is (``None``: never). ``traversal_budget`` most pairs of spheres that collision
         looks at in a step (``None``: all). ``contact_margin`` m: contacts up to this gap enter the problem
-        (``None``: chosen from the sampling).
+        (``None``: chosen from the sampling). ``friction_rule`` makes the friction of a pair from that of its two materials;
+        ``set_friction`` goes before it.
         """
     @property
     def dt(self) -> float:
         """s."""
     @property
     def gravity(self) -> FloatArray:
-        """(3,) m/s^2."""
+        """(3,) m/s^2. Settable: holds from the next step on."""
+    @gravity.setter
+    def gravity(self, value: npt.ArrayLike) -> None: ...
+    @property
+    def bodies(self) -> list[Body]:
+        """The rigid bodies, in the order in which contacts count them."""
+    @property
+    def hands(self) -> list[Hand]:
+        """The hands, in the order in which they were added."""
+    @property
+    def friction_rule(self) -> FrictionRule: ...
     @property
     def time(self) -> float:
         """Simulated seconds since the start."""
@@ -577,6 +697,16 @@ class World:
         """
     def remove(self, handle: Body | Hand) -> None:
         """Take a body or a hand out of the world; its handle is invalid from then on."""
+    def set_friction(self, a: Material | Body | Hand | str, b: Material | Body | Hand | str, friction: float | Friction | None) -> None:
+        """Say what friction is between ``a`` and ``b``, instead of combining it from two materials, from the next step on.
+
+        A material, or its name, stands for all bodies of that name, also those added later; a hand for its fingers. What is
+        said of two bodies goes before what is said of a body and a material, and that before two materials; of equals the
+        last one set holds. ``None`` takes back what was said of this pair. A direction of friction lies in the frame of
+        ``a`` (of the body added first, if both are one material).
+
+        Raises ``InvalidHandleError`` for a body that was removed or is of another world.
+        """
     def step(self, n: int = 1) -> StepReport:
         """Advance by ``n`` steps of ``dt`` and return the report of the last. The GIL is released meanwhile."""
     def contacts(self) -> Contacts:
@@ -584,7 +714,8 @@ class World:
     def contact_problem(self, *, sparse: bool = False) -> ContactProblem:
         """The contact problem of the last step, with the reactions found; ``W`` dense, or ``sparse`` as a SciPy ``bsr_array``.
 
-        In displacements over the step: ``W`` m/N, ``q`` m, reactions N. ``problem.save("step.npz")`` keeps it.
+        In displacements over the step: ``W`` m/N, ``q`` m, reactions N. ``problem.save("step.npz")`` keeps it. Always plain
+        Coulomb: where friction has a direction tangent2 is stretched by ``Contacts.friction_ratio``, and viscous drag is in ``q``.
         """
     def state_hash(self) -> int:
         """64-bit hash of the whole state: same input, same bits, whatever the number of threads."""

@@ -1,4 +1,4 @@
-"""The command line: ``quasirigid grasp``, ``quasirigid bench``, ``quasirigid materials``.
+"""The command line: ``quasirigid grasp``, ``quasirigid view``, ``quasirigid bench``, ``quasirigid materials``.
 
 Standard output carries the result, standard error everything else. Exit code 0 is a finished run (a dropped object is a
 result too), 2 bad input, 130 an interrupt, 1 a bug.
@@ -23,6 +23,7 @@ from rich.panel import Panel
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from quasirigid import cli_view
 from quasirigid.errors import QuasirigidError
 
 if TYPE_CHECKING:
@@ -220,6 +221,9 @@ def materials() -> None:
         table.add_row(name, *(f"{figure:,.4g}" if figure < 1e4 else f"{figure:,.0f}" for figure in figures))
     Console().print(table)
     Console().print("[dim]Two materials have the geometric mean of their frictions. The fingers are of fingertip_pulp.[/dim]")
+
+
+cli_view.add_to(app)
 
 
 def _panel(result: GraspResult) -> Panel:

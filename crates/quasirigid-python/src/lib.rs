@@ -3,9 +3,11 @@
 //! Docstrings live in `python/quasirigid/_quasirigid.pyi`, where editors and type checkers read them.
 
 mod body;
+mod compliance_matrix;
 mod contacts;
 mod conv;
 mod errors;
+mod friction;
 mod grip;
 mod hand;
 mod hand_model;
@@ -24,7 +26,11 @@ mod _quasirigid {
     #[pymodule_export]
     use crate::body::Body;
     #[pymodule_export]
+    use crate::compliance_matrix::ComplianceMatrix;
+    #[pymodule_export]
     use crate::contacts::{ContactStatus, Contacts};
+    #[pymodule_export]
+    use crate::friction::Friction;
     #[pymodule_export]
     use crate::grip::Grip;
     #[pymodule_export]

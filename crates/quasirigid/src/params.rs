@@ -1,5 +1,6 @@
 //! Every tolerance and limit of the engine: unit, default, and what changes when it is touched.
 
+use crate::body::FrictionRule;
 use crate::error::{Error, Result, check_finite, check_non_negative, check_positive};
 use crate::gauss_seidel::SolverParameters;
 use crate::math::{Real, Vec3};
@@ -44,6 +45,9 @@ pub struct Parameters {
     /// thousandth of what the other does, and following it costs as much again. Default 1000, as wood is to a fingertip; infinity never does so. Holds for pairs that
     /// meet after it was set.
     pub rigid_beyond: Real,
+    /// How the friction coefficients of two materials make that of their pair. Default: the geometric mean. Pairs in the friction table
+    /// ([`crate::World::set_friction`]) do not ask it.
+    pub friction_rule: FrictionRule,
     /// Threads. Default 1. The result is the same bits for any number.
     pub threads: usize,
     /// When the solver stops.
@@ -64,6 +68,7 @@ impl Default for Parameters {
             refit_level: 6,
             deformation_threshold: 1e-7,
             rigid_beyond: 1e3,
+            friction_rule: FrictionRule::default(),
             threads: 1,
             solver: SolverParameters::default(),
         }

@@ -145,7 +145,7 @@ fn a_small_budget_gives_fewer_contacts_that_press_as_hard_and_says_so() {
         let force = |budget: usize| {
             let params = Parameters { traversal_budget: budget, ..Parameters::default() };
             let mut world = World::new(Parameters { gravity: Vec3::zeros(), ..params }).unwrap();
-            let pulp = Material::preset("fingertip_pulp").unwrap().with_model(model).unwrap();
+            let pulp = Material::preset("fingertip_pulp").unwrap().with_model(model.clone()).unwrap();
             let pad = Arc::new(Surface::build(fingertip(2_400), Some(320)).unwrap());
             let pad = world.add_body(RigidBody::fixed("pad", pad_pose(1e-3, 0.0)).unwrap(), Some((pad, pulp))).unwrap();
             let surface = Arc::new(Surface::build(shapes::sample_box(Vec3::repeat(0.05), 4_800).unwrap(), Some(640)).unwrap());

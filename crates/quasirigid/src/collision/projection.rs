@@ -225,7 +225,9 @@ impl<'a> View<'a> {
         } else {
             area_in_contact(&self.skin_a.surface, node, control_point, self.params.contact_margin, height)
         };
-        let frame: Mat3 = contact_frame(&(self.turn_b * normal), &(self.turn_a * self.skin_a.surface.control.tangents[control_point]));
+        let normal = self.turn_b * normal;
+        let frame = pair.friction.frame(&normal, [&self.turn_a, &self.turn_b]);
+        let frame = frame.unwrap_or_else(|| contact_frame(&normal, &(self.turn_a * self.skin_a.surface.control.tangents[control_point])));
         Some(Contact {
             pair: index,
             body_a: pair.a,

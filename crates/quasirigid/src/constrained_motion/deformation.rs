@@ -113,6 +113,7 @@ fn self_change(skin: &Skin, contact: &Contact) -> Mat3 {
         Compliance::HalfSpace(half_space) => {
             half_space.self_block(&control.normals[i], contact.inverse_distance(skin) - control.inverse_distances[i])
         }
+        Compliance::Matrix(matrix) => matrix.self_block(&skin.surface.tree, i, contact.area) - matrix.block(i, i),
     }
 }
 
@@ -219,6 +220,15 @@ fn displace(side: &mut PatchSide, skin: &Skin, scratch: &Scratch, dt: Real) {
                     .map(|&j| half_space.block(&skin.surface.control, i, j as usize) * scratch.force[j as usize])
                     .sum();
                 side.displacement[i] += moved * (1.0 - alpha);
+            }
+        }
+        Compliance::Matrix(matrix) => {
+            for &j in &scratch.loaded {
+                (0..matrix.control_points()).filter(|&i| matrix.reaches(i, j as usize)).for_each(|i| side.touch(i));
+            }
+            for t in 0..side.active.len() {
+                let i = side.active[t] as usize;
+                side.displacement[i] += matrix.displacement(i, &scratch.loaded, &scratch.force) * (1.0 - alpha);
             }
         }
     }

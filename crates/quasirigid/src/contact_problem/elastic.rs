@@ -139,6 +139,13 @@ impl Scratch {
                     self.tensor[j] = block * self.share_a;
                 }
             }
+            Compliance::Matrix(matrix) => {
+                has_tensor = true;
+                for (j, other) in patch.iter().enumerate() {
+                    self.tensor[j] = matrix.block(control_point, other.control_point as usize) * self.share_a;
+                }
+                self.tensor[i] = matrix.self_block(&skin_a.surface.tree, control_point, patch[i].area) * self.share_a;
+            }
         }
         match &skin_b.compliance {
             Compliance::Local(local) => {
@@ -163,7 +170,7 @@ impl Scratch {
                 }
                 self.touched_b.clear();
             }
-            Compliance::HalfSpace(_) if self.used_b.is_empty() => {}
+            Compliance::HalfSpace(_) | Compliance::Matrix(_) if self.used_b.is_empty() => {}
             Compliance::HalfSpace(half_space) => {
                 has_tensor = true;
                 let foot = &self.feet[i];
@@ -174,6 +181,16 @@ impl Scratch {
                         half_space.block_between(foot, other)
                     };
                     self.tensor[j] += self.turn * block * self.turn.transpose() * self.share_b;
+                }
+            }
+            Compliance::Matrix(matrix) => {
+                has_tensor = true;
+                for (place, &l) in self.used_b.iter().enumerate() {
+                    let moved: Mat3 = patch[i].weights_b.iter().map(|(k, weight)| matrix.block(k, l as usize) * weight).sum();
+                    let moved = self.turn * moved * self.turn.transpose() * self.share_b;
+                    for &(j, weight) in &self.contacts_b[self.contacts_of_b(place)] {
+                        self.tensor[j as usize] += moved * weight;
+                    }
                 }
             }
         }

@@ -8,11 +8,11 @@ mod free_gap;
 
 pub use elastic_rows::ElasticRows;
 
-use crate::body::{BodyEntry, pair_friction};
+use crate::body::BodyEntry;
 use crate::collision::{Contact, Pair};
 use crate::error::Result;
 use crate::free_motion::FreeMotion;
-use crate::gauss_seidel::{Assembled, ContactStatus, MatrixFree, NO_BODY};
+use crate::gauss_seidel::{Assembled, ContactStatus, Delassus, MatrixFree, NO_BODY};
 use crate::math::{Mat3x6, Real, Vec3};
 use std::time::{Duration, Instant};
 
@@ -23,7 +23,7 @@ pub struct ContactProblem {
     pub w: MatrixFree,
     /// Gap (normal) and slip (tangents) at the end of the step without reactions, m.
     pub delta_free: Vec<Vec3>,
-    /// Friction coefficient of each contact.
+    /// Friction coefficient of each contact, along its tangent1.
     pub mu: Vec<Real>,
     /// Reactions, N: the warm start on entry to the solver, the solution after.
     pub reactions: Vec<Vec3>,
@@ -47,6 +47,31 @@ struct RigidRows {
 }
 
 impl ContactProblem {
+    /// `delta_free` (m) and reactions (N) of the problem that is left when viscous drag is taken for a load: a plain Coulomb problem with the same `W` and `mu`, and the same
+    /// displacements. For export; without drag these are those of the step.
+    pub fn coulomb_part(&self) -> (Vec<Vec3>, Vec<Vec3>) {
+        let (mut delta_free, mut reactions) = (self.delta_free.clone(), self.reactions.clone());
+        let dragged = |i: &usize| self.w.diagonal_block(*i).drag() > 0.0;
+        for j in (0..self.len()).filter(dragged) {
+            let delta = self.w.displacement(j) + self.delta_free[j];
+            reactions[j] = self.w.diagonal_block(j).without_drag(&self.reactions[j], &delta);
+            let drag = self.reactions[j] - reactions[j];
+            for (i, free) in delta_free.iter_mut().enumerate() {
+                *free += self.w.block(i, j) * drag;
+            }
+        }
+        (delta_free, reactions)
+    }
+
+    /// Slip of contact `i` over the step, m: the tangential displacement of the two material points against each other. Exactly 0 where it sticks.
+    pub fn slip(&self, i: usize, contact: &Contact) -> Real {
+        if self.status[i] == ContactStatus::Stick {
+            return 0.0;
+        }
+        let delta = self.w.displacement(i) + self.delta_free[i];
+        delta.y.hypot(delta.z / contact.stretch())
+    }
+
     /// Number of contacts.
     pub fn len(&self) -> usize {
         self.delta_free.len()
@@ -114,11 +139,10 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodi
         let pair = &mut pairs[index as usize];
         let (entry_a, entry_b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
         if let (Some(skin_a), Some(skin_b)) = (entry_a.active_skin(), entry_b.active_skin()) {
-            let mu = pair_friction(&skin_a.material, &skin_b.material);
             out.rigid.clear();
             for contact in patch {
                 out.delta_free.push(free_gap::delta_free(contact, pair, bodies, free, dt));
-                out.mu.push(mu);
+                out.mu.push(coefficient(contact, pair, [entry_a, entry_b]));
                 out.reactions.push(warm_start(pair, contact.control_point as usize));
                 out.rigid.push(RigidRows {
                     a: rigid_rows(contact, pair.a, entry_a, &free[pair.a as usize], 1.0),
@@ -134,14 +158,28 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodi
                 pair.elastic.start(patch, &turn, dt);
                 out.elastic.fill_rows(&mut pair.elastic, patch, [skin_a, skin_b], &turn, &axes_b.transpose(), dt);
             }
+            // c A v as a force per displacement over the step.
+            let drag = pair.friction.viscous_coefficient() / dt;
             for (i, (contact, RigidRows { a, b })) in patch.iter().zip(&out.rigid).enumerate() {
                 out.w.push_contact(a.0, &a.1, b.0, &b.1, &(elastic_axes * contact.frame));
+                if drag > 0.0 {
+                    out.w.set_drag(drag * contact.area);
+                }
                 pair.elastic.push_row(&mut out.w, i, first);
             }
             out.deform_time += prepared.elapsed();
         }
         first = end;
     }
+}
+
+/// `mu` of one contact, at the slip speed that it had at the end of the last step.
+fn coefficient(contact: &Contact, pair: &Pair, bodies: [&BodyEntry; 2]) -> Real {
+    pair.friction.constant().unwrap_or_else(|| {
+        let speed = pair.slip_speed.get(contact.control_point as usize).copied().unwrap_or(0.0);
+        let [turn_a, turn_b] = bodies.map(|entry| entry.body.link_pose(entry.skin_link).rotation.to_rotation_matrix().into_inner());
+        pair.friction.coefficient(&contact.frame, speed, [&turn_a, &turn_b])
+    })
 }
 
 /// The reaction that a control point would have if it changed as it did in the last step.

@@ -1,10 +1,12 @@
 //! The Delassus operator as a sparse matrix of 3x3 blocks: for tests, export, and problems that come from elsewhere.
 
+use super::block_lu::BlockPattern;
 use super::contact_solve::ContactBlock;
 use super::delassus::Delassus;
 use super::matrix_free::MatrixFree;
 use crate::error::{Error, Result, check_finite};
 use crate::math::{Mat3, Real, Vec3};
+use std::sync::Arc;
 
 /// `W` (m/N) in block rows, with the reactions it is applied to.
 ///
@@ -17,6 +19,8 @@ pub struct Assembled {
     values: Vec<Mat3>,
     blocks: Vec<ContactBlock>,
     reactions: Vec<Vec3>,
+    /// For [`Delassus::solve_directly`].
+    pattern: Option<Arc<BlockPattern>>,
 }
 
 impl Assembled {
@@ -54,7 +58,7 @@ impl Assembled {
                 )
             })?);
         }
-        Ok(Self { starts, columns, values, blocks, reactions: vec![Vec3::zeros(); n] })
+        Ok(Self { starts, columns, values, blocks, reactions: vec![Vec3::zeros(); n], pattern: None })
     }
 
     /// From all `n x n` blocks, row by row; blocks that are zero are left out.
@@ -73,7 +77,11 @@ impl Assembled {
     /// # Errors
     /// As [`Assembled::from_block_rows`].
     pub fn from_matrix_free(w: &MatrixFree) -> Result<Self> {
-        Self::gather(w.len(), |i, j| (i == j || w.is_coupled(i, j)).then(|| w.block(i, j)))
+        let mut assembled = Self::gather(w.len(), |i, j| (i == j || w.is_coupled(i, j)).then(|| w.block(i, j)))?;
+        for (i, block) in assembled.blocks.iter_mut().enumerate() {
+            block.set_drag(w.diagonal_block(i).drag());
+        }
+        Ok(assembled)
     }
 
     fn gather(n: usize, block: impl Fn(usize, usize) -> Option<Mat3>) -> Result<Self> {
@@ -103,6 +111,17 @@ impl Assembled {
         Some(&self.values[row.start + found])
     }
 
+    /// Makes [`Delassus::solve_directly`] work from here on.
+    pub(super) fn prepare_factors(&mut self) -> Arc<BlockPattern> {
+        match &self.pattern {
+            Some(pattern) => pattern.clone(),
+            None => {
+                let pattern = Arc::new(BlockPattern::new(self));
+                self.pattern.insert(pattern).clone()
+            }
+        }
+    }
+
     /// The rows and columns of `contacts`, which rise. All reactions are zero.
     pub(super) fn part(&self, contacts: &[usize]) -> Self {
         let mut part = Self { starts: vec![0], reactions: vec![Vec3::zeros(); contacts.len()], ..Self::default() };
@@ -117,6 +136,17 @@ impl Assembled {
             part.blocks.push(self.blocks[i]);
         }
         part
+    }
+
+    /// The same blocks, each turned into another by its row and column. For its rows only: what [`Delassus`] offers is that of the matrix before.
+    pub(super) fn map(&self, turn: impl Fn(usize, usize, &Mat3) -> Mat3) -> Self {
+        let mut mapped = self.clone();
+        for i in 0..self.len() {
+            for k in self.starts[i]..self.starts[i + 1] {
+                mapped.values[k] = turn(i, self.columns[k] as usize, &self.values[k]);
+            }
+        }
+        mapped
     }
 
     /// The full matrix, `3n x 3n` numbers row by row, m/N. For export.
@@ -160,6 +190,11 @@ impl Delassus for Assembled {
 
     fn add_reaction(&mut self, i: usize, change: &Vec3) {
         self.reactions[i] += change;
+    }
+
+    fn solve_directly(&self, left: &[Mat3], diagonal: &[Mat3], b: &mut [Vec3]) -> bool {
+        let factors = self.pattern.as_ref().and_then(|pattern| pattern.factor(self, left, diagonal));
+        factors.as_ref().inspect(|factors| factors.solve(b)).is_some()
     }
 }
 

@@ -53,6 +53,8 @@ pub struct MatrixFree {
     tensor_starts: Vec<u32>,
     tensor_columns: Vec<u32>,
     tensor_values: Vec<Mat3>,
+    /// Contacts with a viscous drag, and the drag, N/m.
+    drags: Vec<(u32, Real)>,
 }
 
 impl MatrixFree {
@@ -74,16 +76,24 @@ impl MatrixFree {
         self.tensor_starts.clear();
         self.tensor_columns.clear();
         self.tensor_values.clear();
+        self.drags.clear();
     }
 
     /// Adds a contact between body slots `a` and `b` ([`NO_BODY`] for a side that does not move).
     ///
     /// `ja`, `jb`: `J S` of each side in the contact frame, with the sign that makes `ja y_a + jb y_b` the relative displacement (m).
-    /// `axes`: rotation from the contact frame to the elastic axes of the patch; any rotation if there is no elastic row.
+    /// `axes`: from the contact frame to the elastic axes of the patch, a rotation (with a column stretched where friction has a grain); any if there is no elastic row.
     pub fn push_contact(&mut self, a: u32, ja: &Mat3x6, b: u32, jb: &Mat3x6, axes: &Mat3) {
         self.isotropic_starts.push(self.isotropic_columns.len() as u32);
         self.tensor_starts.push(self.tensor_columns.len() as u32);
         self.contacts.push(Contact { a, b, ja: rows(ja), jb: rows(jb), axes: *axes });
+    }
+
+    /// Gives the contact pushed last a viscous drag, N/m; see [`ContactBlock::set_drag`].
+    pub fn set_drag(&mut self, drag: Real) {
+        if let Some(last) = self.contacts.len().checked_sub(1) {
+            self.drags.push((last as u32, drag));
+        }
     }
 
     /// Entry of the row of the contact pushed last: `g` (m/N) times the force of contact `j`, the same in all directions.
@@ -122,6 +132,9 @@ impl MatrixFree {
                 return Err(i);
             }
             self.blocks.push(ContactBlock::new(&self.block(i, i)).ok_or(i)?);
+        }
+        for &(i, drag) in &self.drags {
+            self.blocks[i as usize].set_drag(drag);
         }
         Ok(())
     }

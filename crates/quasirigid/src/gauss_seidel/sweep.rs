@@ -181,7 +181,8 @@ impl<W: Delassus> Run<'_, W> {
                     anderson.restart();
                     extrapolated = false;
                 } else {
-                    extrapolated = anderson.extrapolate(before, self.f, self.mu);
+                    let (w, mu) = (&*self.w, self.mu);
+                    extrapolated = anderson.extrapolate(before, self.f, |i, f| w.diagonal_block(i).feasible(f, mu[i]));
                     last_change = change;
                     if extrapolated && self.force() > LARGEST_FORCE * self.free_force {
                         self.f.copy_from_slice(anderson.last_image(n));
@@ -199,6 +200,7 @@ impl<W: Delassus> Run<'_, W> {
     fn step_until_done(&mut self, scratch: &mut Scratch) -> SolveReport {
         let Scratch { newton, before, .. } = scratch;
         newton.restart();
+        newton.direct = self.parameters.measure == Measure::AsGiven;
         let tolerance = self.parameters.tolerance;
         // A feasible state to come back to, should the steps lead nowhere before time is up. The sweep makes it one: an extrapolation may have come last.
         self.sweep();

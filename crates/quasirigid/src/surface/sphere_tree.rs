@@ -9,6 +9,7 @@
 //! re-ordered so that every node owns a contiguous range: a leaf's points are a slice.
 
 use crate::math::{Mat3, Real, Vec3};
+use crate::surface::eigenvector::smallest_eigenvector;
 use rayon::prelude::*;
 
 /// Below this many leaves a node may be cut by normals instead of positions.
@@ -16,6 +17,9 @@ const NORMAL_CUT_LEAVES: usize = 32;
 
 /// A node is cut by normals when the mean of its unit normals is shorter than this (about 30 degrees of spread each way).
 const NORMAL_CUT_LENGTH: Real = 0.9;
+
+/// Vectors that a principal axis is found from, at least, where there are as many.
+const AXIS_SAMPLE: usize = 4096;
 
 /// One node, undeformed. The spheres that follow deformation are in [`crate::body::Skin`].
 #[derive(Debug, Clone)]
@@ -90,15 +94,27 @@ impl SphereTree {
                 nodes.push(Node::unplaced(start, count, first_leaf + left_leaves, quota - left_leaves, index as u32, depth));
             }
         }
-        nodes.par_iter_mut().for_each(|node| {
-            let range = &order[node.points()];
-            let area: Real = range.iter().map(|&i| areas[i as usize]).sum();
-            let weighted = |f: &dyn Fn(usize) -> Vec3| range.iter().map(|&i| f(i as usize) * areas[i as usize]).sum::<Vec3>() / area;
-            let center = weighted(&|i| points[i]);
-            // Bounding the points themselves is tighter than bounding the children's spheres.
-            let radius = range.iter().map(|&i| (points[i as usize] - center).norm() + gaps[i as usize]).fold(0.0, Real::max);
-            let mean_normal = weighted(&|i| normals[i]);
-            (node.center, node.radius, node.area, node.mean_normal) = (center, radius, area, mean_normal);
+        // Sums from the leaves up; the radius needs every point again: bounding the points themselves is tighter than bounding the children's spheres.
+        nodes.par_iter_mut().with_min_len(64).filter(|node| node.children.is_none()).for_each(|node| {
+            for &i in &order[node.points()] {
+                let (i, area) = (i as usize, areas[i as usize]);
+                node.area += area;
+                node.center += points[i] * area;
+                node.mean_normal += normals[i] * area;
+            }
+        });
+        for index in (0..nodes.len()).rev() {
+            if let Some([l, r]) = nodes[index].children {
+                let (left, right) = (&nodes[l as usize], &nodes[r as usize]);
+                let sums = (left.area + right.area, left.center + right.center, left.mean_normal + right.mean_normal);
+                (nodes[index].area, nodes[index].center, nodes[index].mean_normal) = sums;
+            }
+        }
+        nodes.par_iter_mut().with_min_len(64).for_each(|node| {
+            let center = node.center / node.area;
+            let reach = |&i: &u32| (points[i as usize] - center).norm() + gaps[i as usize];
+            node.radius = order[node.points()].iter().map(reach).fold(0.0, Real::max);
+            (node.center, node.mean_normal) = (center, node.mean_normal / node.area);
         });
         let mut leaves = vec![0; leaf_count];
         for (index, node) in nodes.iter().enumerate().filter(|(_, node)| node.children.is_none()) {
@@ -166,17 +182,21 @@ fn cut_by_normals(normals: &[Vec3], order: &mut [u32]) -> Option<usize> {
     (left > 0 && left < order.len()).then_some(left)
 }
 
-/// The direction in which the chosen vectors spread most.
+/// The direction in which the chosen vectors spread most, about: along it they are cut, and for that a few thousand of them tell enough.
 fn principal_axis(vectors: &[Vec3], order: &[u32]) -> Vec3 {
-    let count = order.len() as Real;
-    let mean = order.iter().map(|&i| vectors[i as usize]).sum::<Vec3>() / count;
-    let mut scatter = Mat3::zeros();
-    for &i in order {
-        let d = vectors[i as usize] - mean;
-        scatter += d * d.transpose();
+    let step = order.len().div_ceil(AXIS_SAMPLE);
+    let first = vectors[order[0] as usize];
+    let (mut count, mut sum, mut scatter) = (0.0, Vec3::zeros(), Mat3::zeros());
+    for &i in order.iter().step_by(step) {
+        let d = vectors[i as usize] - first;
+        (count, sum, scatter) = (count + 1.0, sum + d, scatter + d * d.transpose());
     }
-    let eigen = scatter.symmetric_eigen();
-    eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned()
+    scatter -= sum * sum.transpose() / count;
+    // The largest eigenvalue of the scatter is the smallest of what is missing to its trace. Where two are equal, either of them will do.
+    smallest_eigenvector(&(Mat3::from_diagonal_element(scatter.trace()) - scatter)).unwrap_or_else(|| {
+        let eigen = scatter.symmetric_eigen();
+        eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned()
+    })
 }
 
 /// The smallest sphere around two spheres: (centre, radius).
