@@ -78,7 +78,7 @@ impl World {
     #[new]
     #[allow(clippy::too_many_arguments)] // keyword arguments
     #[pyo3(signature = (dt = 1e-3, gravity = None, *, threads = 1, tolerance = 1e-8, max_sweeps = 1000, time_budget = None,
-                        traversal_budget = None, contact_margin = None, friction_rule = "geometric-mean"))]
+                        traversal_budget = None, contact_margin = None, push_out_speed = None, friction_rule = "geometric-mean"))]
     fn new(
         py: Python<'_>,
         dt: Real,
@@ -89,6 +89,7 @@ impl World {
         time_budget: Option<Real>,
         traversal_budget: Option<i64>,
         contact_margin: Option<Real>,
+        push_out_speed: Option<Real>,
         friction_rule: &str,
     ) -> PyResult<Self> {
         let mut params = Parameters { dt, friction_rule: crate::friction::rule(py, friction_rule)?, ..Parameters::default() };
@@ -107,6 +108,9 @@ impl World {
         }
         if let Some(margin) = contact_margin {
             params.contact_margin = margin;
+        }
+        if let Some(speed) = push_out_speed {
+            params.push_out_speed = speed;
         }
         Ok(Self { engine: Mutex::new(quasirigid::World::new(params).or_raise(py)?) })
     }
