@@ -55,11 +55,16 @@ def view(
         bool, typer.Option("--run", help="Start running at once, without waiting for the Run button.", rich_help_panel=PAGE)
     ] = False,
     seconds: Annotated[float | None, typer.Option(help="End after so many seconds.", rich_help_panel=PAGE)] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Record what happens, for `quasirigid replay`; Reset begins FILE-2.", rich_help_panel=SCENE),
+    ] = None,
 ) -> None:
     """Grasp in the browser: a live view with a panel, plots, and handles to drag."""
     from quasirigid.grasp_options import GraspOptions
     from quasirigid.view.play import Play
     from quasirigid.view.server import LiveView, announce, open_browser
+    from quasirigid.world_recorder import LiveRecorder
 
     options = GraspOptions(
         object=object_file,
@@ -74,6 +79,9 @@ def view(
         threads=threads,
     )
     live = LiveView(Play(options), options, host=host, port=port)
+    recorder = None if record is None else LiveRecorder(record)
+    if recorder is not None:
+        live.session.observe(recorder)
     live.start()
     url = announce(live.server, host, port)
     if browser:
@@ -88,6 +96,10 @@ def view(
         pass  # the way to end it
     finally:
         live.stop()
+        if recorder is not None:
+            recorder.close()
+            for path in recorder.paths:
+                typer.echo(str(path))
 
 
 def add_to(app: typer.Typer) -> None:

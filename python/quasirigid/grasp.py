@@ -21,14 +21,16 @@ from scipy.spatial.transform import Rotation
 from quasirigid._quasirigid import STAGES, Grip, Hand, HandModel, MassProperties, Material, Surface, World, __version__
 from quasirigid._quasirigid import Body as RigidBody
 from quasirigid.errors import InvalidValueError, SurfaceWarning
-from quasirigid.grasp_columns import columns, contact_rows, scene_columns, scene_rows
+from quasirigid.grasp_columns import columns, contact_sums, still_columns, still_rows
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.grasp_plan import plan_grasp
 from quasirigid.objects import DEFAULT_POINTS, ObjectGeometry, load_object
 from quasirigid.plots import save_all
-from quasirigid.recording import Column, Recorder, Recording
+from quasirigid.recording import Recording
 from quasirigid.scene_plot import save_scene
+from quasirigid.scene_recording import SceneRecorder
 from quasirigid.summary import PHASES, FloatArray, conjugate, rotate, summarise
+from quasirigid.view.world_scene import WorldScene
 
 BOX_SIZE = (0.06, 0.06, 0.08)
 BOX_POINTS, BOX_CONTROL_POINTS = 36_000, 4_800
@@ -198,7 +200,9 @@ class Grasp:
         self.hand = self.world.add_hand(model, position=self.palm, quaternion=self.turn, material=pad, motion=options.object_motion)
         self.grip = self._open_grip()
         self.fingers = tuple(self.hand.finger_names)
-        self._finger_of = {body: finger for finger, body in enumerate(self.hand.body_indices)}
+        self.scene = WorldScene(self.world, [self.object, self.support], [self.hand])
+        self._thing = 0  # the object's place in the scene
+        self._finger_of = {place: finger for finger, place in enumerate(self.scene.model.fingertips())}
         self._start_in_hand: FloatArray | None = None
         self._carried = 0.0
         self._stands = False
@@ -219,7 +223,7 @@ class Grasp:
         assert error is not None
         raise error
 
-    def run(self, recorder: Recorder, progress: Progress | None = None) -> None:
+    def run(self, recorder: SceneRecorder, progress: Progress | None = None) -> None:
         """Run all phases and record every step."""
         dt = self.options.dt
         script: list[tuple[str, float, Callable[[float], None]]] = [
@@ -261,18 +265,19 @@ class Grasp:
                 self._fall(recorder)  # closed on nothing
                 return
             if name == "hold":
-                recorder.still(scene_rows(self.object, self.hand, self._pad_semi_axes, recorder.steps - 1))
+                recorder.still(still_rows(self.object, self.hand, self._pad_semi_axes, recorder.steps - 1))
             done += duration if name not in CLOSING else duration / 4
         if progress is not None:
             progress("release", 1.0)
 
-    def columns(self) -> list[Column]:
-        """What ``run`` records."""
-        joints = self.hand.joint_positions.shape[1]
+    def recorder(self, path: Path, attributes: dict[str, Any]) -> SceneRecorder:
+        """A recorder for ``run``, which writes to ``path``."""
+        fingers, joints = len(self.fingers), self.hand.joint_positions.shape[1]
         sizes = len(self.object.deformed_points()), len(self.hand.deformed_points(0))
-        return columns(self.fingers, joints) + scene_columns(self.fingers, joints, *sizes)
+        own = columns(self.fingers, joints) + still_columns(self.fingers, joints, *sizes)
+        return SceneRecorder(path, self.scene.model, (fingers, joints), columns=own, attributes=attributes)
 
-    def _fall(self, recorder: Recorder) -> None:
+    def _fall(self, recorder: SceneRecorder) -> None:
         for _ in range(round(DURATIONS["fall"] / self.options.dt)):
             self._step("fall", recorder)
 
@@ -324,31 +329,23 @@ class Grasp:
             return False
         return self._untouched > LOST_FOR or bool(np.linalg.norm(self._object_in_hand() - self._start_in_hand) > DROPPED_AT)
 
-    def _step(self, phase: str, recorder: Recorder) -> None:
+    def _step(self, phase: str, recorder: SceneRecorder) -> None:
         self.grip.update()
         report = self.world.step()
+        state = self.scene.state(report, phase, moved=recorder.wants_deformation)
+        sums = contact_sums(state.contacts, self._thing, self._finger_of, len(self.fingers))
+        self._carried = float(sums["hand/force_on_object"][:, 2].sum())
+        self._untouched = 0.0 if sums["hand/contacts"].any() else self._untouched + self.options.dt
         row: dict[str, Any] = {
-            "time": self.world.time,
             "phase": PHASES.index(phase),
-            "bodies/pose": [_pose(self.object), _pose(self.support), _pose(self.hand)],
+            "object/pose": _pose(self.object),
             "object/velocity": np.concatenate([self.object.linear_velocity, self.object.angular_velocity]),
-            "hand/joint_positions": self.hand.joint_positions,
+            "hand/pose": _pose(self.hand),
             "hand/joint_targets": self.hand.joint_targets,
             "hand/joint_torques": self.hand.joint_torques,
-            "report/contacts": report.contacts,
-            "report/sweeps": report.sweeps,
-            "report/residual": report.residual,
-            "report/converged": report.converged,
-            "report/coarse": report.coarse,
-            "report/quarantined": len(report.quarantined),
-            "report/step_time": report.step_time,
-            "report/stage_times": [report.stage_times[name] for name in STAGES],
+            **sums,
         }
-        contacts = contact_rows(self.world.contacts(), self.object.index, self._finger_of, len(self.fingers))
-        self._carried = float(contacts["hand/force_on_object"][:, 2].sum())
-        self._untouched = 0.0 if contacts["hand/contacts"].any() else self._untouched + self.options.dt
-        row.update(contacts)
-        recorder.append(row)
+        recorder.append(state, row, report)
 
 
 def _nothing(_: float) -> None:
@@ -369,22 +366,27 @@ class GraspResult:
     plots: tuple[Path, ...]
 
 
-def run_grasp(options: GraspOptions, out: Path, *, progress: Progress | None = None) -> GraspResult:
-    """Run the whole job and leave ``summary.json``, ``recording.h5`` and the plots in the directory ``out``.
+def run_grasp(options: GraspOptions, out: Path, *, record: Path | None = None, progress: Progress | None = None) -> GraspResult:
+    """Run the whole job and leave ``summary.json``, ``recording.h5`` and the plots in the directory ``out``; the recording in ``record`` if given.
 
     Raises the errors of ``quasirigid.errors`` for bad input. An interrupted run (``KeyboardInterrupt``) leaves a readable
     recording and a summary that says so, then passes the interrupt on.
     """
     grasp = Grasp(options)
     out.mkdir(parents=True, exist_ok=True)
-    path = out / "recording.h5"
+    path = out / "recording.h5" if record is None else record
     chosen = {key: "" if value is None else str(value) for key, value in asdict(options).items()}
-    attributes = {"quasirigid_version": __version__, "dt": options.dt, "options": json.dumps(chosen)}
-    attributes |= {"object": grasp.taken.name, "object_mass_kg": grasp.taken.mass.mass, "gravity_m_per_s2": GRAVITY}
+    attributes = {
+        "options": json.dumps(chosen),
+        "object": grasp.taken.name,
+        "object_mass_kg": grasp.taken.mass.mass,
+        "gravity_m_per_s2": GRAVITY,
+    }
     attributes |= {"friction": grasp.friction, "squeeze_n": grasp.taken.squeeze}
     began = time.perf_counter()
+    recorder = grasp.recorder(path, attributes)
     try:
-        with Recorder(path, grasp.columns(), attributes) as recorder:
+        with recorder:
             grasp.run(recorder, progress)
     except KeyboardInterrupt:
         _leave_summary(grasp, path, out, time.perf_counter() - began, interrupted=True)

@@ -195,11 +195,14 @@ class SceneDrawing:
             elif body.kind in ("link", "fingertip"):
                 mesh.visible = self.layers.hand
 
-    def draw(self, state: SceneState, pull: tuple[FloatArray, FloatArray] | None = None) -> None:
-        """Shows a state. ``pull`` is where a person pulls, (3,) m, and to where, world."""
+    def draw(self, state: SceneState, pull: tuple[FloatArray, FloatArray] | None = None, *, exact: bool = False) -> None:
+        """Shows a state. ``pull`` is where a person pulls, (3,) m, and to where, world.
+
+        Large surfaces follow every ``LARGE_EVERY`` seconds, or at once if ``exact``: for a state that stays.
+        """
         with self.server.atomic():
             self._poses(state)
-            self._shapes(state)
+            self._shapes(state, exact=exact)
             if self._shown is None or not alike(self._shown, state):
                 self._shown = state
                 self._pressure(state)
@@ -218,7 +221,7 @@ class SceneDrawing:
             if np.abs(frame.wxyz - quaternion).max() > POSE_TOLERANCE:
                 frame.wxyz = quaternion
 
-    def _shapes(self, state: SceneState) -> None:
+    def _shapes(self, state: SceneState, *, exact: bool) -> None:
         for i, mesh in enumerate(self.meshes):
             if mesh is None or self.model.bodies[i].kind == "link":
                 continue
@@ -229,7 +232,7 @@ class SceneDrawing:
                 self._thin.discard(i)
                 self._sent_shape[i] = body.points.astype(np.float32)
                 mesh.vertices, mesh.faces = body.points.astype(np.float32), body.faces.astype(np.uint32)
-            if len(body.points) > LARGE and abs(state.time - self._sent_at.get(i, -1.0)) < LARGE_EVERY:
+            if not exact and len(body.points) > LARGE and abs(state.time - self._sent_at.get(i, -1.0)) < LARGE_EVERY:
                 continue
             shape = body.points.astype(np.float32)
             if moved is not None:

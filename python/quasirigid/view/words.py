@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 
 from quasirigid.view.pressure import COLOURS, SLIP_COLOUR, STICK_COLOUR
@@ -19,6 +20,15 @@ def figures(phase: str, time: float, real_time: float, speed: float, step_time: 
     elif not running:
         pace = "paused"
     rows = [("state", escape(phase)), ("time", f"{time:.3f} s"), ("pace", pace), ("step", f"{1e3 * step_time:.2f} ms, {contacts} contacts")]
+    return _rows(rows)
+
+
+def table(rows: Sequence[tuple[str, str]]) -> str:
+    """Names and what is to be said of them, one below the other."""
+    return _rows([(escape(name), escape(value)) for name, value in rows])
+
+
+def _rows(rows: Sequence[tuple[str, str]]) -> str:
     cells = "".join(
         f'<tr><td style="color:#6b7280;padding-right:10px;vertical-align:top">{name}</td><td>{value}</td></tr>' for name, value in rows
     )
