@@ -65,21 +65,24 @@ class Tactile:
         self._tips = model.fingertips()
         self._names = model.fingers
         self._pads = [Pad(model.bodies[tip]) for tip in self._tips]
+        columns = max(1, len(self._pads))
+        self._empty = Image.new("RGB", (columns * SIDE + (columns - 1) * GAP, HEADING + SIDE), "white")
+        draw = ImageDraw.Draw(self._empty)
+        for i, name in enumerate(self._names):
+            draw.text((i * (SIDE + GAP), 1), name, fill=FINGER_COLOURS[i % 6])
 
     def picture(self, state: SceneState, full_scale: float) -> npt.NDArray[np.uint8]:
         """(height, width, 3): colour is pressure against ``full_scale``, Pa; an orange cross is a contact that slips."""
-        columns = max(1, len(self._pads))
-        width, height = columns * SIDE + (columns - 1) * GAP, HEADING + SIDE
-        image = Image.new("RGB", (width, height), "white")
+        image = self._empty.copy()
         draw = ImageDraw.Draw(image)
         for i, (tip, pad) in enumerate(zip(self._tips, self._pads, strict=True)):
             left = i * (SIDE + GAP)
             patch = patch_of(state, tip)
-            share = pressure_at(pad.cells, patch).reshape(CELLS, CELLS) / full_scale
-            cells = colour_map(share)
-            picture = Image.fromarray(cells).resize((SIDE, SIDE), Image.Resampling.BICUBIC)
+            share = np.zeros(CELLS * CELLS)
+            near = patch.near(pad.cells)
+            share[near] = pressure_at(pad.cells[near], patch) / full_scale
+            picture = Image.fromarray(colour_map(share.reshape(CELLS, CELLS))).resize((SIDE, SIDE), Image.Resampling.BICUBIC)
             image.paste(picture, (left, HEADING), pad.mask)
-            draw.text((left, 1), self._names[i], fill=FINGER_COLOURS[i % 6])
             slipping = (patch.status == SLIP) & (patch.pressures > LEAST_SLIP * full_scale)
             for x, y in pad.pixels(patch.points[slipping]) + [left, HEADING]:
                 for side in (-2, 2):
