@@ -130,6 +130,12 @@ impl Assembled {
         part
     }
 
+    /// The matrix times a factor > 0, with no reactions.
+    pub(super) fn scaled(&self, factor: Real) -> Option<Self> {
+        let values = self.values.iter().map(|w| w * factor).collect();
+        Self::from_block_rows(self.starts.clone(), self.columns.clone(), values).ok()
+    }
+
     /// The same blocks, each turned into another by its row and column. For its rows only: what [`Delassus`] offers is that of the matrix before.
     pub(super) fn map(&self, turn: impl Fn(usize, usize, &Mat3) -> Mat3) -> Self {
         let mut mapped = self.clone();
