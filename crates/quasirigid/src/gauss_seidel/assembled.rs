@@ -9,7 +9,7 @@ use crate::math::{Mat3, Real, Vec3};
 use std::sync::OnceLock;
 
 /// Factors that cost more than this many products with the matrix are not worth it where a Krylov method would do.
-const DEAR_FACTORS: Real = 300.0;
+const DEAR_FACTORS: Real = 200.0;
 
 /// `W` (m/N) in block rows, with the reactions it is applied to.
 ///
