@@ -74,7 +74,7 @@ impl World {
     #[new]
     #[allow(clippy::too_many_arguments)] // keyword arguments
     #[pyo3(signature = (dt = 1e-3, gravity = None, *, threads = 1, tolerance = 1e-8, max_sweeps = 1000, time_budget = None,
-                        traversal_budget = None, contact_margin = None))]
+                        traversal_budget = None, contact_margin = None, collision_every = 1))]
     fn new(
         py: Python<'_>,
         dt: Real,
@@ -85,6 +85,7 @@ impl World {
         time_budget: Option<Real>,
         traversal_budget: Option<i64>,
         contact_margin: Option<Real>,
+        collision_every: i64,
     ) -> PyResult<Self> {
         let mut params = Parameters { dt, ..Parameters::default() };
         if let Some(gravity) = gravity {
@@ -103,6 +104,7 @@ impl World {
         if let Some(margin) = contact_margin {
             params.contact_margin = margin;
         }
+        params.collision_every = conv::count(py, "collision_every", collision_every)?.try_into().unwrap_or(u32::MAX);
         Ok(Self { engine: Mutex::new(quasirigid::World::new(params).or_raise(py)?) })
     }
 

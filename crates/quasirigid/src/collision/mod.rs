@@ -78,8 +78,8 @@ pub struct Collision {
     projection: projection::Scratch,
 }
 
-/// Finds all contacts. `pairs` grows when two bodies meet for the first time.
-pub fn collision(out: &mut Collision, bodies: &[BodyEntry], free: &[FreeMotion], pairs: &mut Vec<Pair>, params: &Parameters) {
+/// Finds all contacts. `pairs` grows when two bodies meet for the first time. `step`: number of the step, for [`Parameters::collision_every`].
+pub fn collision(out: &mut Collision, bodies: &[BodyEntry], free: &[FreeMotion], pairs: &mut Vec<Pair>, params: &Parameters, step: u64) {
     let start = Instant::now();
     broad_phase::reach_of_bodies(bodies, free, &mut out.reach);
     broad_phase::near_bodies(bodies, &out.reach, params, &mut out.near);
@@ -90,7 +90,8 @@ pub fn collision(out: &mut Collision, bodies: &[BodyEntry], free: &[FreeMotion],
     }
     out.coarse = out.traversal.coarse;
     let traversed = Instant::now();
-    projection::project_control_points(&mut out.projection, pairs, bodies, free, params, &mut out.contacts);
+    let look = step.is_multiple_of(u64::from(params.collision_every));
+    projection::project_control_points(&mut out.projection, pairs, bodies, free, params, look, &mut out.contacts);
     out.traverse_time = traversed - start;
     out.projection_time = traversed.elapsed();
 }
