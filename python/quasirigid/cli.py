@@ -142,6 +142,7 @@ def grasp(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Where summary.json, recording.h5 and the plots go.", rich_help_panel=RUN)
     ] = Path("out/grasp"),
+    view: Annotated[bool, typer.Option("--view", help="Watch it in the browser, at the pace of the clock.", rich_help_panel=RUN)] = False,
     record: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Where the recording goes. Default: recording.h5 in --out.", rich_help_panel=RUN)
     ] = None,
@@ -168,7 +169,7 @@ def grasp(
     )
     try:
         with _terminable(), _progress(quiet=as_json) as progress:
-            result = run_grasp(options, out, record=record, progress=progress)
+            result = run_grasp(options, out, record=record, progress=progress, view=view)
     except KeyboardInterrupt as stop:
         _say(f"interrupted; what was recorded so far is in {out}")
         raise typer.Exit(143 if isinstance(stop, Terminated) else 130) from None

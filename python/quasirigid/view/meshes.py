@@ -11,10 +11,12 @@ from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
 from quasirigid.view.scene import FloatArray, IntArray
 
-SAGITTA = 2e-5
+SAGITTA = 3e-5
 """How far a thinned mesh may be from the surface, m."""
 FLAT = 0.999
 """Normals whose cosine with their mean is above this all belong to one plane."""
+CLOSED = 0.1
+"""A surface whose mean normal is shorter is closed."""
 LONGEST = 4.0
 """Triangles with an edge of more than so many spacings close a hole that the surface has."""
 COCONE = np.cos(np.radians(67.5))
@@ -39,9 +41,11 @@ def triangulate(points: FloatArray, normals: FloatArray) -> IntArray:
         faces = _in_plane(points, mean / length)
     else:
         star = _from_within(points, normals)
-        faces = _cocone(points, normals) if star is None else star
-    faces = _without_long_edges(points, faces)
-    return _outward(points, normals, faces)
+        if star is not None:
+            # On a closed surface the normals cancel: there is no hole to keep open.
+            return star if length < CLOSED else _without_long_edges(points, star)
+        faces = _cocone(points, normals)
+    return _outward(points, normals, _without_long_edges(points, faces))
 
 
 def _in_plane(points: FloatArray, normal: FloatArray) -> IntArray:
@@ -63,7 +67,7 @@ def _from_within(points: FloatArray, normals: FloatArray) -> IntArray | None:
         rays /= lengths[:, None]
         if np.einsum("ij,ij->i", rays, normals).min() > 0.02:
             try:
-                return np.asarray(ConvexHull(rays).simplices, dtype=np.int64)
+                return _outward(rays, rays, np.asarray(ConvexHull(rays).simplices, dtype=np.int64))
             except QhullError:
                 return None
     return None
@@ -108,6 +112,10 @@ def _cocone(points: FloatArray, normals: FloatArray) -> IntArray:
             ends.append(np.einsum("ij,ij->i", ray, n) / np.maximum(np.linalg.norm(ray, axis=1), 1e-300))
         low, high = np.minimum(*ends), np.maximum(*ends)
         good &= (low <= COCONE) & (high >= -COCONE)
+    # Four points in a plane and on a circle make a flat cell, both sides of which pass: its outer side is enough.
+    all_four = np.bincount(cell[good], minlength=len(corners)) + np.bincount(other[good & (other >= 0)], minlength=len(corners)) == 4
+    towards = np.einsum("ij,ij->i", out, normals[faces].sum(axis=1))
+    good &= ~((all_four[cell] & (towards < 0.0)) | ((other >= 0) & all_four[other] & (towards > 0.0)))
     return np.asarray(faces[good], dtype=np.int64)
 
 
@@ -132,7 +140,8 @@ def thinned(points: FloatArray, normals: FloatArray) -> tuple[IntArray, IntArray
     """A mesh through fewer points, within ``SAGITTA`` of the surface: which points (k,), and triangles (m, 3) of those. ``None`` if the
     surface is neither plane nor seen whole from within.
 
-    Points are kept as far apart as curvature allows: a chord of length s over a curvature kappa is off by kappa s^2 / 8.
+    Points are kept as far apart as curvature allows: a triangle within a circle of radius s, over a
+    curvature kappa, is off by kappa s^2 / 2.
     """
     mean = normals.mean(axis=0)
     length = float(np.linalg.norm(mean))
@@ -144,7 +153,7 @@ def thinned(points: FloatArray, normals: FloatArray) -> tuple[IntArray, IntArray
     distance, neighbour = tree.query(points, k=9)
     bend = np.linalg.norm(normals[neighbour[:, 1:]] - normals[:, None], axis=2) / np.maximum(distance[:, 1:], 1e-12)
     widest = float(np.ptp(points, axis=0).max()) / 8.0
-    apart = np.minimum(np.sqrt(8.0 * SAGITTA / np.maximum(bend.max(axis=1), 1e-9)), widest)
+    apart = np.minimum(np.sqrt(2.0 * SAGITTA / np.maximum(bend.max(axis=1), 1e-9)), widest)
     waiting = np.ones(len(points), dtype=bool)
     kept_points = []
     for i in np.argsort(apart, kind="stable"):
@@ -153,7 +162,7 @@ def thinned(points: FloatArray, normals: FloatArray) -> tuple[IntArray, IntArray
             waiting[tree.query_ball_point(points[i], apart[i])] = False
     kept = np.array(kept_points, dtype=np.int64)
     faces = _from_within(points[kept], normals[kept])
-    return None if faces is None else (kept, _outward(points[kept], normals[kept], faces))
+    return None if faces is None else (kept, faces)
 
 
 Mesh = tuple[FloatArray, FloatArray, IntArray]
@@ -215,8 +224,7 @@ def mirrored(points: FloatArray, normals: FloatArray, faces: IntArray, axis: Flo
         points, normals, height = points[kept], normals[kept], height[kept]
         star = _from_within(points, normals)
         assert star is not None
-        faces = _outward(points, normals, star)
-        faces = faces[~_closes_rim(points, faces, axis)]
+        faces = star[~_closes_rim(points, star, axis)]
     back = points - np.outer((1.0 + thickness) * (height - rim), axis)
     along = normals @ axis
     turned = normals - np.outer(along * (1.0 + 1.0 / thickness), axis)

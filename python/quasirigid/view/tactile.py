@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
@@ -38,13 +40,17 @@ class Pad:
         centres = (np.arange(CELLS) + 0.5) / CELLS * self._size
         grid = np.stack(np.meshgrid(centres, centres[::-1]), axis=-1).reshape(-1, 2) + self._low
         _, nearest = _nearest(grid, flat)
-        self.cells = body.points[nearest]
+        self.cells = self.flattened(body.points[nearest])
         fine = (np.arange(SIDE) + 0.5) / SIDE * self._size
         pixels = np.stack(np.meshgrid(fine, fine[::-1]), axis=-1).reshape(-1, 2) + self._low
         distance, _ = _nearest(pixels, flat)
         edge = 1.2 * self._size / CELLS
         cover = np.clip((edge - distance) / (self._size / SIDE), 0.0, 1.0)
         self.mask = Image.fromarray((255 * cover).astype(np.uint8).reshape(SIDE, SIDE))
+
+    def flattened(self, points: FloatArray) -> FloatArray:
+        """``points`` (n, 3) in the plane of the picture, third coordinate 0: there a pad looks the same pressed in or not."""
+        return np.column_stack([points @ self._axes, np.zeros(len(points))])
 
     def pixels(self, points: FloatArray) -> FloatArray:
         """Where ``points`` (n, 3), body frame, lie in the picture, (n, 2) px from its upper left."""
@@ -79,8 +85,9 @@ class Tactile:
             left = i * (SIDE + GAP)
             patch = patch_of(state, tip)
             share = np.zeros(CELLS * CELLS)
-            near = patch.near(pad.cells)
-            share[near] = pressure_at(pad.cells[near], patch) / full_scale
+            flat = replace(patch, points=pad.flattened(patch.points))
+            near = flat.near(pad.cells)
+            share[near] = pressure_at(pad.cells[near], flat) / full_scale
             picture = Image.fromarray(colour_map(share.reshape(CELLS, CELLS))).resize((SIDE, SIDE), Image.Resampling.BICUBIC)
             image.paste(picture, (left, HEADING), pad.mask)
             slipping = (patch.status == SLIP) & (patch.pressures > LEAST_SLIP * full_scale)
