@@ -26,6 +26,7 @@ from rich.table import Table
 
 from quasirigid import cli_recordings, cli_view
 from quasirigid.errors import QuasirigidError
+from quasirigid.mocap.commands import app as mocap_commands
 
 if TYPE_CHECKING:
     from quasirigid.grasp import GraspResult
@@ -80,6 +81,8 @@ def _common(
 ) -> None:
     """Real-time grasping with soft fingertips: contact patches and exact Coulomb friction."""
 
+
+app.add_typer(mocap_commands, name="mocap")
 
 OBJECT, PHYSICS, RUN = "Object", "Physics", "Run and output"
 

@@ -74,6 +74,18 @@ class ObjectFileError(QuasirigidError, OSError):
     """A file that is missing, unreadable or of an unknown format."""
 
 
+class CaptureFileError(QuasirigidError, OSError):
+    """A motion capture file (take, calibration, body map) that is missing, unreadable or has nothing in it."""
+
+
+class NetworkError(QuasirigidError, OSError):
+    """A socket that cannot be opened or used: port in use, no such group, no route."""
+
+
+class PacketError(QuasirigidError, ValueError):
+    """A datagram that is no packet of the tracker's format."""
+
+
 class GraspPlanError(QuasirigidError, ValueError):
     """An object that the hand cannot take: too large, too small, or without opposing sides."""
 

@@ -55,6 +55,15 @@ pub fn vector(value: &Bound<'_, PyAny>, what: &str) -> PyResult<Vec<Real>> {
     if shape.len() == 1 { Ok(x) } else { Err(wrong_shape(value.py(), what, "(n,)", &shape)) }
 }
 
+/// `(n, m)` for whatever n and m.
+pub fn matrix(value: &Bound<'_, PyAny>, what: &str) -> PyResult<na::DMatrix<Real>> {
+    let (x, shape) = numbers(value, what, "(n, m)")?;
+    match shape[..] {
+        [rows, columns] => Ok(na::DMatrix::from_row_slice(rows, columns, &x)),
+        _ => Err(wrong_shape(value.py(), what, "(n, m)", &shape)),
+    }
+}
+
 /// `(rows, columns)`, C order.
 pub fn table(value: &Bound<'_, PyAny>, what: &str, rows: usize, columns: usize) -> PyResult<Vec<Real>> {
     let expected = format!("({rows}, {columns})");

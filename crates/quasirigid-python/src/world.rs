@@ -78,7 +78,7 @@ impl World {
     #[new]
     #[allow(clippy::too_many_arguments)] // keyword arguments
     #[pyo3(signature = (dt = 1e-3, gravity = None, *, threads = 1, tolerance = 1e-8, max_sweeps = 1000, time_budget = None,
-                        traversal_budget = None, contact_margin = None))]
+                        traversal_budget = None, contact_margin = None, friction_rule = "geometric-mean"))]
     fn new(
         py: Python<'_>,
         dt: Real,
@@ -89,8 +89,9 @@ impl World {
         time_budget: Option<Real>,
         traversal_budget: Option<i64>,
         contact_margin: Option<Real>,
+        friction_rule: &str,
     ) -> PyResult<Self> {
-        let mut params = Parameters { dt, ..Parameters::default() };
+        let mut params = Parameters { dt, friction_rule: crate::friction::rule(py, friction_rule)?, ..Parameters::default() };
         if let Some(gravity) = gravity {
             params.gravity = conv::vec3(gravity, "gravity")?;
         }
@@ -137,6 +138,11 @@ impl World {
     fn hands(this: &Bound<'_, Self>) -> Vec<Hand> {
         let handles = this.get().lock(this.py()).hand_handles();
         handles.into_iter().map(|handle| Hand { world: this.clone().unbind(), handle }).collect()
+    }
+
+    #[getter]
+    fn friction_rule(&self, py: Python<'_>) -> &'static str {
+        crate::friction::rule_name(self.lock(py).parameters().friction_rule)
     }
 
     #[getter]
@@ -241,6 +247,24 @@ impl World {
                 return Ok(report);
             }
         }
+    }
+
+    fn set_friction(
+        this: &Bound<'_, Self>,
+        a: &Bound<'_, PyAny>,
+        b: &Bound<'_, PyAny>,
+        friction: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        let py = a.py();
+        let friction = friction.map(crate::friction::friction).transpose()?;
+        let mut engine = this.get().lock(py);
+        let (a, b) = (crate::friction::sides(this, &engine, a)?, crate::friction::sides(this, &engine, b)?);
+        for a in &a {
+            for b in &b {
+                engine.set_friction(a.clone(), b.clone(), friction).or_raise(py)?;
+            }
+        }
+        Ok(())
     }
 
     fn contacts(&self, py: Python<'_>) -> Contacts {

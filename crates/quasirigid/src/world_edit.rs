@@ -26,7 +26,9 @@ impl World {
         let Some(skin) = &mut self.bodies[dense].skin else {
             return Err(Error::value("body", "a body with a surface", "one without", "give it a surface when it is added"));
         };
-        if !skin.set_material(material.clone()) {
+        let elastic_changed = skin.set_material(material.clone())?;
+        self.renew_friction();
+        if !elastic_changed {
             return Ok(());
         }
         for pair in self.pairs.iter_mut().filter(|pair| pair.a as usize == dense || pair.b as usize == dense) {

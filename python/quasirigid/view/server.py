@@ -153,7 +153,7 @@ class LiveView:
             self._redraw = False
             self._drawing.apply_layers()
         pull = None if frame.pulled is None else frame.pulled[:2]
-        self._drawing.draw(frame.state, pull)
+        self._drawing.draw(frame.state, pull, exact=not frame.running)
         self._touch.follow(frame)
         now = time.perf_counter()
         if now - self._slow_at > 1.0 / SLOW_RATE or not frame.running:

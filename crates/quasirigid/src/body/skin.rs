@@ -1,6 +1,7 @@
 //! The surface of a body as it is now: material, elastic displacement, deformed points and the spheres around them.
 
 use crate::body::material::{ComplianceModel, Material};
+use crate::error::Result;
 use crate::math::{Real, Vec3};
 use crate::params::Parameters;
 use crate::surface::moving_least_squares::evaluate;
@@ -50,11 +51,14 @@ pub struct Skin {
 
 impl Skin {
     /// An undeformed skin.
-    pub fn new(surface: Arc<Surface>, material: Material) -> Self {
-        let compliance = compliance_of(&surface, &material);
+    ///
+    /// # Errors
+    /// See [`Material::check_for`].
+    pub fn new(surface: Arc<Surface>, material: Material) -> Result<Self> {
+        let compliance = compliance_of(&surface, &material)?;
         let spheres = surface.tree.nodes.iter().map(|n| Sphere { center: n.center, radius: n.radius }).collect();
         let leaves = surface.tree.leaves.len();
-        Self {
+        Ok(Self {
             compliance,
             displacement: vec![Vec3::zeros(); surface.control.len()],
             deformed: surface.points.clone(),
@@ -73,18 +77,21 @@ impl Skin {
             travel: 0.0,
             surface,
             material,
-        }
+        })
     }
 
     /// Makes it of another material; the displacement stays what it is. Returns whether the compliance changed.
-    pub fn set_material(&mut self, material: Material) -> bool {
-        let elastic = |m: &Material| (m.model, m.young_modulus, m.poisson_ratio);
+    ///
+    /// # Errors
+    /// See [`Material::check_for`].
+    pub fn set_material(&mut self, material: Material) -> Result<bool> {
+        let elastic = |m: &Material| (m.model.clone(), m.young_modulus, m.poisson_ratio);
         let changed = elastic(&self.material) != elastic(&material);
         if changed {
-            self.compliance = compliance_of(&self.surface, &material);
+            self.compliance = compliance_of(&self.surface, &material)?;
         }
         self.material = material;
-        changed
+        Ok(changed)
     }
 
     /// The points that are displaced, in the caller's numbering, and where they are, body frame, m.
@@ -235,13 +242,15 @@ impl Skin {
     }
 }
 
-fn compliance_of(surface: &Surface, material: &Material) -> Compliance {
-    match material.model {
-        ComplianceModel::Local { foundation_modulus, width, share } => {
+fn compliance_of(surface: &Surface, material: &Material) -> Result<Compliance> {
+    material.check_for(&surface.control)?;
+    Ok(match &material.model {
+        &ComplianceModel::Local { foundation_modulus, width, share } => {
             Compliance::Local(LocalCompliance::build(&surface.control, foundation_modulus, width, share))
         }
         ComplianceModel::HalfSpace => Compliance::HalfSpace(HalfSpaceCompliance::new(material.young_modulus, material.poisson_ratio)),
-    }
+        ComplianceModel::Matrix(matrix) => Compliance::Matrix(matrix.clone()),
+    })
 }
 
 /// Marks the ancestors of a leaf down from `refit_level`.

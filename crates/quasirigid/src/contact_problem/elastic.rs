@@ -112,7 +112,6 @@ impl Scratch {
     }
 
     fn fill_row(&mut self, rows: &mut ElasticRows, i: usize, patch: &[Contact], [skin_a, skin_b]: [&Skin; 2]) {
-        let mut has_tensor = false;
         let control_point = patch[i].control_point as usize;
         match &skin_a.compliance {
             Compliance::Local(local) => {
@@ -128,7 +127,6 @@ impl Scratch {
                 }
             }
             Compliance::HalfSpace(half_space) => {
-                has_tensor = true;
                 let control = &skin_a.surface.control;
                 for (j, other) in patch.iter().enumerate() {
                     let block = if i == j {
@@ -138,6 +136,14 @@ impl Scratch {
                     };
                     self.tensor[j] = block * self.share_a;
                 }
+                rows.add_tensors(0, &self.tensor);
+            }
+            Compliance::Matrix(matrix) => {
+                for (j, other) in patch.iter().enumerate() {
+                    self.tensor[j] = matrix.block(control_point, other.control_point as usize) * self.share_a;
+                }
+                self.tensor[i] = matrix.self_block(&skin_a.surface.tree, control_point, patch[i].area) * self.share_a;
+                rows.add_tensors(0, &self.tensor);
             }
         }
         match &skin_b.compliance {
@@ -163,9 +169,8 @@ impl Scratch {
                 }
                 self.touched_b.clear();
             }
-            Compliance::HalfSpace(_) if self.used_b.is_empty() => {}
+            Compliance::HalfSpace(_) | Compliance::Matrix(_) if self.used_b.is_empty() => {}
             Compliance::HalfSpace(half_space) => {
-                has_tensor = true;
                 let foot = &self.feet[i];
                 for (j, other) in self.feet.iter().enumerate() {
                     let block = if i == j {
@@ -173,8 +178,20 @@ impl Scratch {
                     } else {
                         half_space.block_between(foot, other)
                     };
-                    self.tensor[j] += self.turn * block * self.turn.transpose() * self.share_b;
+                    self.tensor[j] = self.turn * block * self.turn.transpose() * self.share_b;
                 }
+                rows.add_tensors(1, &self.tensor);
+            }
+            Compliance::Matrix(matrix) => {
+                self.tensor.fill(Mat3::zeros());
+                for (place, &l) in self.used_b.iter().enumerate() {
+                    let moved: Mat3 = patch[i].weights_b.iter().map(|(k, weight)| matrix.block(k, l as usize) * weight).sum();
+                    let moved = self.turn * moved * self.turn.transpose() * self.share_b;
+                    for &(j, weight) in &self.contacts_b[self.contacts_of_b(place)] {
+                        self.tensor[j as usize] += moved * weight;
+                    }
+                }
+                rows.add_tensors(1, &self.tensor);
             }
         }
         self.touched.sort_unstable();
@@ -182,10 +199,6 @@ impl Scratch {
             rows.add_isotropic(j, std::mem::take(&mut self.row[j as usize]));
         }
         self.touched.clear();
-        if has_tensor {
-            rows.add_tensors(&self.tensor);
-            self.tensor.fill(Mat3::zeros());
-        }
         rows.end_row();
     }
 
