@@ -174,7 +174,7 @@ impl<W: Delassus> Run<'_, W> {
         // The least that was seen, now and some sweeps ago.
         let (mut least, mut least_before) = (Real::INFINITY, Real::INFINITY);
         while self.sweeps < patience.max(self.parameters.min_sweeps) {
-            if self.parameters.measure == Measure::AsGiven && self.sweeps % STRETCH == 0 {
+            if self.parameters.measure == Measure::AsGiven && self.sweeps.is_multiple_of(STRETCH) {
                 // A problem from elsewhere has time: sweeps that get on well may go on.
                 if self.sweeps + STRETCH >= patience
                     && least <= GOOD_PROGRESS * least_before
