@@ -25,9 +25,9 @@ from quasirigid.errors import (
     SurfaceWarning,
 )
 from quasirigid.objects import ObjectGeometry, load_object
-from quasirigid.objects.mass import solid_of_mesh
+from quasirigid.objects.mass import MOST_HULL_POINTS, solid_of_hull, solid_of_mesh
 from quasirigid.objects.mesh import clean_mesh, corner_normals
-from quasirigid.objects.sampling import sample_mesh, thin_out
+from quasirigid.objects.sampling import has_duplicates, sample_mesh, thin_out
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "objects"
 BOX = (0.06, 0.05, 0.08)
@@ -448,3 +448,39 @@ def test_real_scan(name: str, size: float | None, source: str) -> None:
     # The divergence theorem over the points: sum of p . n A / 3 is the volume, if normals and areas are right.
     volume = float(np.einsum("ij,ij,i->", item.points, item.normals, item.areas)) / 3.0
     assert volume == pytest.approx(item.volume, rel=0.03), f"volume from the points {volume:.4g}, from the mesh {item.volume:.4g}"
+
+
+def test_the_hull_of_many_points_is_that_of_their_outermost() -> None:
+    rng = np.random.default_rng(1)
+    count = 2 * MOST_HULL_POINTS
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    ball = rng.normal(size=(count, 3))
+    ball /= np.linalg.norm(ball, axis=1)[:, None]
+    cube = rng.uniform(-0.5, 0.5, (count, 3))
+    cube[np.arange(count), rng.integers(0, 3, count)] = rng.choice([-0.5, 0.5], count)
+    for name, points, volume, bound in (
+        ("ball", ball, 4.0 / 3.0 * np.pi, 1e-3),
+        ("thin rod", ball * [0.5, 0.005, 0.005], 4.0 / 3.0 * np.pi * 0.5 * 0.005**2, 1e-3),
+        ("cube", cube, 1.0, 1e-4),
+        ("plate", cube * [1.0, 1.0, 0.01], 0.01, 1e-4),
+    ):
+        off = solid_of_hull(points @ turn.T, name).volume / volume - 1.0
+        assert -bound < off < 1e-9, f"{name}: volume off by {off:.1e}"
+
+
+def test_equal_points_are_found_among_many() -> None:
+    points = np.random.default_rng(2).normal(size=(10_000, 3))
+    assert not has_duplicates(points)
+    assert not has_duplicates(np.concatenate([points, points[:, ::-1]]))
+    points[17] = [0.0, 1.0, 2.0]
+    points[9_000] = [-0.0, 1.0, 2.0]
+    assert has_duplicates(points)
+
+
+def test_a_dense_cloud_is_thinned_out_evenly() -> None:
+    ball = np.random.default_rng(3).normal(size=(100_000, 3))
+    ball /= np.linalg.norm(ball, axis=1)[:, None]
+    kept = thin_out(ball, ball, 1_000)
+    assert len(np.unique(kept)) == 1_000
+    nearest = cKDTree(ball[kept]).query(ball[kept], k=2)[0][:, 1]
+    assert nearest.min() > 0.6 * nearest.mean(), f"least {nearest.min():.4f} m, mean {nearest.mean():.4f} m"

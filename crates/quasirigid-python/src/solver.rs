@@ -211,7 +211,8 @@ pub fn _solve_contacts(
 pub fn contact_problem<'py>(py: Python<'py>, world: &quasirigid::World, sparse: bool) -> PyResult<Bound<'py, PyAny>> {
     let problem = world.contact_problem();
     let w = problem.assembled().or_raise(py)?;
-    let (q, reactions) = (flat(py, &problem.delta_free), flat(py, &problem.reactions));
+    let (q, reactions) = problem.coulomb_part();
+    let (q, reactions) = (flat(py, &q), flat(py, &reactions));
     let mu = conv::from_vec(py, problem.mu.clone());
     let module = py.import("quasirigid.solver")?;
     let matrix = if sparse {

@@ -16,7 +16,7 @@ from quasirigid.errors import DegenerateSurfaceError, InvalidValueError, Surface
 from quasirigid.objects.files import FORMATS, RawGeometry, read_file
 from quasirigid.objects.mass import Solid, is_physical, solid_of_hull, solid_of_mesh
 from quasirigid.objects.mesh import CleanMesh, cap_holes, clean_mesh, corner_normals
-from quasirigid.objects.sampling import sample_mesh, thin_out
+from quasirigid.objects.sampling import has_duplicates, sample_mesh, thin_out
 
 __all__ = ["DEFAULT_DENSITY", "DEFAULT_POINTS", "FORMATS", "ObjectGeometry", "load_object"]
 
@@ -173,6 +173,8 @@ def _scaled(raw: RawGeometry, scale: float | None, size: float | None, what: str
         hint = _scale_hint(extent, scale)
         got = f"{extent:.4g} m" if factor == 1.0 else f"{extent:.4g} x {factor:g} = {result:.4g} m"
         raise InvalidValueError(f"largest extent of {what}", f"between {SMALLEST:g} and {LARGEST:g} m", got, hint)
+    if factor == 1.0:
+        return raw
     return RawGeometry(raw.vertices * factor, raw.faces, raw.normals, raw.warnings)
 
 
@@ -236,16 +238,18 @@ def _solid(mesh: CleanMesh, what: str) -> tuple[Solid, Literal["volume", "capped
 def _from_cloud(raw: RawGeometry, file: Path, count: int, density: float, rng: np.random.Generator) -> ObjectGeometry:
     del rng  # thinning out leaves nothing to chance
     notes = list(raw.warnings)
-    _, first = np.unique(raw.vertices, axis=0, return_index=True)
-    first = np.sort(first)
-    if len(first) < len(raw.vertices):
-        notes.append(f"{len(raw.vertices) - len(first)} duplicate points dropped")
-    points = raw.vertices[first]
+    points, normals_given = raw.vertices, raw.normals
+    if has_duplicates(points):
+        _, first = np.unique(points, axis=0, return_index=True)
+        first = np.sort(first)
+        notes.append(f"{len(points) - len(first)} duplicate points dropped")
+        points = points[first]
+        normals_given = None if normals_given is None else normals_given[first]
     if len(points) < MIN_POINTS:
         hint = "a surface needs more points, or faces to sample"
         raise DegenerateSurfaceError(str(file), f"at least {MIN_POINTS} different points", f"{len(points)}", hint)
     solid = solid_of_hull(points, str(file))
-    normals = None if raw.normals is None else _unit_normals(points, raw.normals[first], solid.centre, notes)
+    normals = None if normals_given is None else _unit_normals(points, normals_given, solid.centre, notes)
     extents = np.ptp(points, axis=0)
     if len(points) > count:
         keep = thin_out(points, normals, count)

@@ -112,7 +112,9 @@ def _read_mesh(file: Path) -> RawGeometry:
         if getattr(geometry, "vertices", None) is None:
             continue
         with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is counted and refused later
-            points = np.asarray(geometry.vertices, dtype=np.float64).reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]
+            points = np.asarray(geometry.vertices, dtype=np.float64).reshape(-1, 3)
+            if not np.array_equal(matrix, np.eye(4)):
+                points = points @ matrix[:3, :3].T + matrix[:3, 3]
         triangles = getattr(geometry, "faces", None)
         if triangles is not None and len(triangles) > 0:
             triangles = np.asarray(triangles, dtype=np.int64)

@@ -79,7 +79,11 @@ impl Assembled {
     /// # Errors
     /// As [`Assembled::from_block_rows`].
     pub fn from_matrix_free(w: &MatrixFree) -> Result<Self> {
-        Self::gather(w.len(), |i, j| (i == j || w.is_coupled(i, j)).then(|| w.block(i, j)))
+        let mut assembled = Self::gather(w.len(), |i, j| (i == j || w.is_coupled(i, j)).then(|| w.block(i, j)))?;
+        for (i, block) in assembled.blocks.iter_mut().enumerate() {
+            block.set_drag(w.diagonal_block(i).drag());
+        }
+        Ok(assembled)
     }
 
     fn gather(n: usize, block: impl Fn(usize, usize) -> Option<Mat3>) -> Result<Self> {

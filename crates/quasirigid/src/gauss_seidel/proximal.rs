@@ -85,7 +85,7 @@ pub(super) fn proximal_newton(
             let b = (here.delta[i] - block.matrix() * (here.f[i] + centre[i] * alpha)) / softer;
             let (solution, status) = block.solve(&b, mu[i]);
             d[i] = solution - here.f[i];
-            slopes[i] = slope(block.matrix(), &b, mu[i], &solution, status) / softer;
+            slopes[i] = slope(block.matrix(), &b, mu[i], 0.0, &solution, status) / softer;
             diagonal[i] = Mat3::identity() - slopes[i] * block.matrix();
         }
         let Some(factors) = w.pattern().factor(w, &slopes, &diagonal, late) else { break };

@@ -171,7 +171,7 @@ impl<W: Delassus> Run<'_, W> {
         // The least that was seen, now and some sweeps ago.
         let (mut least, mut least_before) = (Real::INFINITY, Real::INFINITY);
         while self.sweeps < patience.max(self.parameters.min_sweeps) {
-            if self.parameters.measure == Measure::AsGiven && self.sweeps % STRETCH == 0 {
+            if self.parameters.measure == Measure::AsGiven && self.sweeps.is_multiple_of(STRETCH) {
                 // A problem from elsewhere has time: sweeps that get on well may go on.
                 if self.sweeps + STRETCH >= patience
                     && least <= GOOD_PROGRESS * least_before
@@ -216,7 +216,8 @@ impl<W: Delassus> Run<'_, W> {
                     anderson.restart();
                     extrapolated = false;
                 } else {
-                    extrapolated = anderson.extrapolate(before, self.f, self.mu);
+                    let (w, mu) = (&*self.w, self.mu);
+                    extrapolated = anderson.extrapolate(before, self.f, |i, f| w.diagonal_block(i).feasible(f, mu[i]));
                     last_change = change;
                     if extrapolated && self.force() > LARGEST_FORCE * self.free_force {
                         self.f.copy_from_slice(anderson.last_image(n));

@@ -8,7 +8,7 @@
 //!   far outside the point as it does inside, half a spacing.
 
 use crate::math::{Real, Vec3, contact_frame};
-use crate::surface::neighbours::all_nearest;
+use crate::surface::nearest::{Nearest, SortedPoints};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -21,25 +21,41 @@ const BORDER_GAP: Real = 2.0 * PI / 3.0;
 /// A cell reaches at most this many times the distance of the sixth neighbour: a cap for outliers, far outside regular cells.
 const REACH: Real = 1.5;
 
-/// Area of every point (m^2, > 0 unless its neighbours all coincide with it), for `points` (m) with unit `normals`.
+/// Area of every point (m^2, > 0 unless its neighbours all coincide with it), for `points` (m) with unit `normals`. Uses all threads; the result does not depend on
+/// their number.
 pub fn estimate_areas(points: &[Vec3], normals: &[Vec3]) -> Vec<Real> {
-    let (k, nearest) = all_nearest(points, AREA_NEIGHBOURS);
-    let mut areas = vec![0.0; points.len()];
-    if k > 0 {
-        areas.par_iter_mut().zip(nearest.par_chunks(k)).enumerate().for_each_init(Cell::default, |cell, (i, (area, list))| {
-            *area = cell.area(i, list, points, normals);
-        });
+    let sorted = SortedPoints::new(points, AREA_NEIGHBOURS);
+    let areas = areas_among(&sorted.points, &sorted.pick(normals), &sorted.nearest(AREA_NEIGHBOURS));
+    sorted.hand_back(&areas)
+}
+
+/// [`estimate_areas`] of points whose neighbours (at best [`AREA_NEIGHBOURS`] of each) are known.
+pub(crate) fn areas_among(points: &[Vec3], normals: &[Vec3], nearest: &Nearest) -> Vec<Real> {
+    let area = |cell: &mut Cell, i| cell.area(i, nearest.of(i), points, normals);
+    (0..points.len()).into_par_iter().with_min_len(1024).map_init(Cell::default, area).collect()
+}
+
+/// A place in the tangent plane of the cell's point, seen from it.
+#[derive(Debug, Clone, Copy)]
+struct Flat {
+    x: Real,
+    y: Real,
+    distance2: Real,
+}
+
+impl Flat {
+    fn new(x: Real, y: Real) -> Self {
+        Self { x, y, distance2: x * x + y * y }
     }
-    areas
 }
 
 /// Scratch for one cell.
 #[derive(Default)]
 struct Cell {
-    neighbours: Vec<[Real; 2]>,
+    neighbours: Vec<Flat>,
     angles: Vec<Real>,
-    polygon: Vec<[Real; 2]>,
-    clipped: Vec<[Real; 2]>,
+    polygon: Vec<Flat>,
+    clipped: Vec<Flat>,
 }
 
 impl Cell {
@@ -49,37 +65,43 @@ impl Cell {
         for &j in list {
             let j = j as usize;
             if let Some(d) = unfold(&(points[j] - points[i]), &normals[i], &normals[j]) {
-                let flat = frame.transpose() * d;
-                if flat.y != 0.0 || flat.z != 0.0 {
-                    self.neighbours.push([flat.y, flat.z]);
+                let flat = Flat::new(frame.column(1).dot(&d), frame.column(2).dot(&d));
+                if flat.x != 0.0 || flat.y != 0.0 {
+                    self.neighbours.push(flat);
                 }
             }
         }
-        let length = |d: &[Real; 2]| d[0].hypot(d[1]);
-        self.neighbours.sort_by(|a, b| length(a).total_cmp(&length(b)));
+        self.neighbours.sort_by(|a, b| a.distance2.total_cmp(&b.distance2));
         let Some(sixth) = self.neighbours.get(5).or(self.neighbours.last()) else { return 0.0 };
-        let reach = REACH * length(sixth);
+        let reach = REACH * sixth.distance2.sqrt();
         self.mirror_into_gap();
         self.polygon.clear();
-        self.polygon.extend([[-reach, -reach], [reach, -reach], [reach, reach], [-reach, reach]]);
+        self.polygon.extend([[-reach, -reach], [reach, -reach], [reach, reach], [-reach, reach]].map(|[x, y]| Flat::new(x, y)));
+        let mut farthest2 = 2.0 * reach * reach;
         for d in &self.neighbours {
-            clip(&self.polygon, d, &mut self.clipped);
-            std::mem::swap(&mut self.polygon, &mut self.clipped);
+            // The line halfway to a neighbour twice as far as the farthest corner cuts nothing off.
+            if d.distance2 < 4.0 * farthest2 {
+                clip(&self.polygon, d, &mut self.clipped);
+                std::mem::swap(&mut self.polygon, &mut self.clipped);
+                farthest2 = self.polygon.iter().map(|p| p.distance2).fold(0.0, Real::max);
+            }
         }
-        let n = self.polygon.len();
-        let twice: Real = (0..n)
-            .map(|a| {
-                let (p, q) = (self.polygon[a], self.polygon[(a + 1) % n]);
-                p[0] * q[1] - p[1] * q[0]
-            })
-            .sum();
+        let Some(mut p) = self.polygon.last() else { return 0.0 };
+        let mut twice = 0.0;
+        for q in &self.polygon {
+            twice += p.x * q.y - p.y * q.x;
+            p = q;
+        }
         0.5 * twice
     }
 
     /// Adds the mirror images, through the point, of the neighbours opposite to the widest angle without neighbours.
     fn mirror_into_gap(&mut self) {
+        if surrounded(&self.neighbours) {
+            return;
+        }
         self.angles.clear();
-        self.angles.extend(self.neighbours.iter().map(|d| d[1].atan2(d[0])));
+        self.angles.extend(self.neighbours.iter().map(|d| d.y.atan2(d.x)));
         self.angles.sort_by(Real::total_cmp);
         let m = self.angles.len();
         let (mut widest, mut start) = (0.0, 0.0);
@@ -93,13 +115,22 @@ impl Cell {
             return;
         }
         for a in 0..m {
-            let [x, y] = self.neighbours[a];
+            let Flat { x, y, .. } = self.neighbours[a];
             let into_gap = ((-y).atan2(-x) - start).rem_euclid(2.0 * PI);
             if into_gap < widest {
-                self.neighbours.push([-x, -y]);
+                self.neighbours.push(Flat::new(-x, -y));
             }
         }
     }
+}
+
+/// Whether there is a neighbour in each of six sectors of 60 degrees: then no angle without one is as wide as [`BORDER_GAP`]. Spares most cells the angles.
+fn surrounded(neighbours: &[Flat]) -> bool {
+    // Bit = which sides of the lines at 0, 60 and 120 degrees; two of the eight combinations do not exist.
+    const ALL: u32 = 0b1110_0111;
+    let root3 = 3.0_f64.sqrt();
+    let sector = |d: &Flat| u32::from(d.y >= 0.0) | u32::from(root3 * d.x >= d.y) << 1 | u32::from(root3 * d.x >= -d.y) << 2;
+    neighbours.iter().fold(0, |seen, d| seen | 1 << sector(d)) & ALL == ALL
 }
 
 /// The neighbour at `d`, with normal `m`, laid out in the tangent plane of the normal `n`; `None` if it is on another sheet.
@@ -123,20 +154,21 @@ fn unfold(d: &Vec3, n: &Vec3, m: &Vec3) -> Option<Vec3> {
 }
 
 /// Keeps the part of a convex polygon that is nearer to the origin than to `d`.
-fn clip(polygon: &[[Real; 2]], d: &[Real; 2], out: &mut Vec<[Real; 2]>) {
+fn clip(polygon: &[Flat], d: &Flat, out: &mut Vec<Flat>) {
     out.clear();
-    let half = 0.5 * (d[0] * d[0] + d[1] * d[1]);
-    let beyond = |p: &[Real; 2]| p[0] * d[0] + p[1] * d[1] - half;
-    for (a, p) in polygon.iter().enumerate() {
-        let q = &polygon[(a + 1) % polygon.len()];
-        let (side_p, side_q) = (beyond(p), beyond(q));
-        if side_p <= 0.0 {
-            out.push(*p);
-        }
+    let beyond = |p: &Flat| p.x * d.x + p.y * d.y - 0.5 * d.distance2;
+    let Some(mut p) = polygon.last() else { return };
+    let mut side_p = beyond(p);
+    for q in polygon {
+        let side_q = beyond(q);
         if (side_p < 0.0 && side_q > 0.0) || (side_p > 0.0 && side_q < 0.0) {
             let t = side_p / (side_p - side_q);
-            out.push([p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1])]);
+            out.push(Flat::new(p.x + t * (q.x - p.x), p.y + t * (q.y - p.y)));
         }
+        if side_q <= 0.0 {
+            out.push(*q);
+        }
+        (p, side_p) = (q, side_q);
     }
 }
 

@@ -4,7 +4,6 @@
 //! whatever the extent of the set. Nothing depends on a random hash seed: the same points give the same order.
 
 use crate::math::{Real, Vec3};
-use rayon::prelude::*;
 
 /// Cells per axis that fit in a packed key: 21 bits for each axis.
 const CELLS_PER_AXIS: Real = 2_097_000.0;
@@ -245,24 +244,6 @@ impl NeighbourGrid {
             }
         }
     }
-}
-
-/// The `k` nearest other points of every point, as one flat list: those of point `i` are `[i * k..(i + 1) * k]`, nearest first.
-/// Returned with `k`, which is smaller than asked for when there are not that many points. Uses all threads; the result does not
-/// depend on their number.
-pub fn all_nearest(points: &[Vec3], k: usize) -> (usize, Vec<u32>) {
-    let k = k.min(points.len().saturating_sub(1));
-    let grid = NeighbourGrid::build_auto(points);
-    let mut nearest = vec![0u32; points.len() * k];
-    if k > 0 {
-        nearest.par_chunks_mut(k).enumerate().for_each_init(Vec::new, |near, (i, list)| {
-            grid.k_nearest(&points[i], k + 1, near);
-            // Coincident points may push the point itself out of its own list: then the last of the k + 1 is left out.
-            let others = near.iter().map(|n| n.0).filter(|&j| j as usize != i);
-            list.iter_mut().zip(others).for_each(|(slot, j)| *slot = j);
-        });
-    }
-    (k, nearest)
 }
 
 /// Inserts into a list kept sorted by (distance, index) and no longer than `k`.

@@ -9,36 +9,45 @@
 
 use crate::math::{Mat3, Real, Vec3};
 use crate::surface::eigenvector::smallest_eigenvector;
-use crate::surface::neighbours::{NeighbourGrid, all_nearest};
+use crate::surface::nearest::{Nearest, SortedPoints};
+use crate::surface::neighbours::NeighbourGrid;
 use rayon::prelude::*;
 
 /// Neighbours in the plane fit and in the graph.
 const NORMAL_NEIGHBOURS: usize = 12;
 /// Neighbours looked at where the nearest are on one line or in one place.
 const WIDE_NEIGHBOURS: usize = 96;
-/// Steps of the cost of an edge, for the counting sort: costs from 0 to 2.
+/// An edge that costs less than this is safe to cross: normals within a few degrees of what they should be, along the surface.
+const SAFE: Real = 0.05;
+/// Steps of the cost of the other edges.
 const COST_STEPS: Real = 4096.0;
 
 /// Unit normals of `points` (m): outward for a closed surface. Each connected part of the neighbour graph starts at its highest
 /// point (largest z), whose normal points up; an open surface therefore has its normals up where it is highest. Cost is
 /// O(n log n) at worst; the fits use all threads, the result does not depend on their number.
 pub fn estimate_normals(points: &[Vec3]) -> Vec<Vec3> {
-    let (k, nearest) = all_nearest(points, NORMAL_NEIGHBOURS);
+    let sorted = SortedPoints::new(points, NORMAL_NEIGHBOURS);
+    sorted.hand_back(&normals_among(&sorted.points, &sorted.nearest(NORMAL_NEIGHBOURS)))
+}
+
+/// [`estimate_normals`] of points whose neighbours (at best [`NORMAL_NEIGHBOURS`] of each, or more) are known.
+pub(crate) fn normals_among(points: &[Vec3], nearest: &Nearest) -> Vec<Vec3> {
+    let k = nearest.k.min(NORMAL_NEIGHBOURS);
     if k == 0 {
         return vec![Vec3::z(); points.len()];
     }
     let wide = std::sync::OnceLock::new();
-    let mut normals = vec![Vec3::zeros(); points.len()];
-    normals.par_iter_mut().zip(nearest.par_chunks(k)).enumerate().for_each(|(i, (normal, list))| {
-        let fit = smallest_eigenvector(&scatter(&points[i], list.iter().map(|&j| points[j as usize])));
-        *normal = fit.unwrap_or_else(|| {
+    let fit = |i: usize| {
+        let near = nearest.of(i)[..k].iter().map(|&j| points[j as usize]);
+        smallest_eigenvector(&scatter(&points[i], near)).unwrap_or_else(|| {
             let grid = wide.get_or_init(|| NeighbourGrid::build_auto(points));
             let mut near = Vec::new();
             grid.k_nearest(&points[i], WIDE_NEIGHBOURS, &mut near);
             smallest_eigenvector(&scatter(&points[i], near.iter().map(|n| points[n.0 as usize]))).unwrap_or(Vec3::z())
-        });
-    });
-    orient(points, &mut normals, k, &nearest);
+        })
+    };
+    let mut normals: Vec<Vec3> = (0..points.len()).into_par_iter().with_min_len(1024).map(fit).collect();
+    orient(points, &mut normals, k, nearest);
     normals
 }
 
@@ -63,108 +72,106 @@ fn reflected(normal: &Vec3, d: &Vec3) -> Vec3 {
     normal - d * (2.0 * d.dot(normal))
 }
 
-fn direction(from: &Vec3, to: &Vec3) -> Vec3 {
-    (to - from).try_normalize(0.0).unwrap_or(Vec3::zeros())
+/// An edge of the neighbour graph as orientation sees it: what it costs to cross (0 to 1), and whether the two normals disagree.
+fn edge(points: &[Vec3], normals: &[Vec3], i: usize, j: usize) -> (Real, bool) {
+    let d = (points[j] - points[i]).try_normalize(0.0).unwrap_or(Vec3::zeros());
+    let agreement = reflected(&normals[i], &d).dot(&normals[j]);
+    let leaving = 0.5 * (d.dot(&normals[i]).abs() + d.dot(&normals[j]).abs());
+    (0.5 * (1.0 - agreement.abs() + leaving), agreement < 0.0)
 }
 
 /// Flips normals so that neighbours agree.
-fn orient(points: &[Vec3], normals: &mut [Vec3], k: usize, nearest: &[u32]) {
-    let tree = spanning_tree(points, normals, k, nearest);
+fn orient(points: &[Vec3], normals: &mut [Vec3], k: usize, nearest: &Nearest) {
     let n = points.len();
-    // Neighbours in the tree, in rows.
-    let mut starts = vec![0u32; n + 1];
-    for &(i, j) in &tree {
-        starts[i as usize + 1] += 1;
-        starts[j as usize + 1] += 1;
-    }
-    for i in 0..n {
-        starts[i + 1] += starts[i];
-    }
-    let mut next = starts.clone();
-    let mut adjacent = vec![0u32; 2 * tree.len()];
-    for &(i, j) in &tree {
-        for (from, to) in [(i, j), (j, i)] {
-            adjacent[next[from as usize] as usize] = to;
-            next[from as usize] += 1;
+    let mut parts = Parts::new(n);
+    // Of edges that cost next to nothing it does not matter which are crossed: no need to sort them. On a well sampled surface nearly all are of this kind.
+    let known: &[Vec3] = normals;
+    let find_safe = |i: usize| {
+        let (mut safe, mut flips) = (0_u16, 0_u16);
+        for (bit, &j) in nearest.of(i)[..k].iter().enumerate() {
+            let (cost, flip) = edge(points, known, i, j as usize);
+            safe |= u16::from(cost < SAFE) << bit;
+            flips |= u16::from(flip) << bit;
+        }
+        (safe, flips)
+    };
+    let safe: Vec<(u16, u16)> = (0..n).into_par_iter().with_min_len(1024).map(find_safe).collect();
+    for (i, &(safe, flips)) in safe.iter().enumerate() {
+        for (bit, &j) in nearest.of(i)[..k].iter().enumerate().filter(|(bit, _)| safe >> bit & 1 == 1) {
+            parts.join(i, j as usize, flips >> bit & 1 == 1);
         }
     }
-    // From the highest point down: the first point met of a part is its highest. Among equally high ones the most level.
-    let mut seeds: Vec<u32> = (0..n as u32).collect();
-    seeds.par_sort_unstable_by(|&i, &j| {
-        let (a, b) = (i as usize, j as usize);
-        points[b].z.total_cmp(&points[a].z).then(normals[b].z.abs().total_cmp(&normals[a].z.abs())).then(i.cmp(&j))
-    });
-    let mut done = vec![false; n];
-    let mut stack = Vec::new();
-    for seed in seeds {
-        if done[seed as usize] {
-            continue;
+    drop(safe);
+    for (i, j, flip) in remaining_edges(points, normals, k, nearest, &parts.roots()) {
+        parts.join(i as usize, j as usize, flip);
+    }
+    // Each part starts at its highest point, whose normal points up; among equally high ones at the most level.
+    let mut highest: Vec<u32> = (0..n as u32).collect();
+    let roots = parts.roots();
+    for (i, &(root, _)) in roots.iter().enumerate() {
+        let top = &mut highest[root as usize];
+        let (a, b) = (*top as usize, i);
+        if points[b].z.total_cmp(&points[a].z).then(normals[b].z.abs().total_cmp(&normals[a].z.abs())).is_gt() {
+            *top = i as u32;
         }
-        done[seed as usize] = true;
-        if normals[seed as usize].z < 0.0 {
-            normals[seed as usize] = -normals[seed as usize];
-        }
-        stack.push(seed as usize);
-        while let Some(i) = stack.pop() {
-            for &j in &adjacent[starts[i] as usize..starts[i + 1] as usize] {
-                let j = j as usize;
-                if !done[j] {
-                    done[j] = true;
-                    if reflected(&normals[i], &direction(&points[i], &points[j])).dot(&normals[j]) < 0.0 {
-                        normals[j] = -normals[j];
-                    }
-                    stack.push(j);
-                }
-            }
+    }
+    let looks_down = |top: usize| (normals[top].z < 0.0) != roots[top].1;
+    let turned: Vec<bool> = highest.iter().map(|&top| looks_down(top as usize)).collect();
+    for (normal, &(root, flip)) in normals.iter_mut().zip(&roots) {
+        if flip != turned[root as usize] {
+            *normal = -*normal;
         }
     }
 }
 
-/// Minimum spanning forest of the neighbour graph (Kruskal), as edges (i, j).
-fn spanning_tree(points: &[Vec3], normals: &[Vec3], k: usize, nearest: &[u32]) -> Vec<(u32, u32)> {
-    let list = |i: usize| &nearest[i * k..(i + 1) * k];
-    // Each edge once, with its cost in steps.
-    let edges: Vec<(u32, u32, u16)> = (0..points.len())
-        .into_par_iter()
-        .flat_map_iter(|i| {
-            list(i).iter().map(|&j| j as usize).filter(move |&j| i < j || !list(j).contains(&(i as u32))).map(move |j| {
-                let d = direction(&points[i], &points[j]);
-                let disagreement = 1.0 - reflected(&normals[i], &d).dot(&normals[j]).abs();
-                let leaving = 0.5 * (d.dot(&normals[i]).abs() + d.dot(&normals[j]).abs());
-                (i as u32, j as u32, ((disagreement + leaving) * 0.5 * COST_STEPS) as u16)
-            })
+/// Edges between different parts, the safest first: (i, j, whether the normals disagree). In that order a union-find makes a minimum spanning tree (Kruskal).
+fn remaining_edges(points: &[Vec3], normals: &[Vec3], k: usize, nearest: &Nearest, roots: &[(u32, bool)]) -> Vec<(u32, u32, bool)> {
+    let of_point = |i: usize| {
+        let apart = nearest.of(i)[..k].iter().map(|&j| j as usize).filter(move |&j| roots[i].0 != roots[j].0);
+        apart.map(move |j| {
+            let (cost, flip) = edge(points, normals, i, j);
+            ((cost * COST_STEPS) as u16, i as u32, j as u32, flip)
         })
-        .collect();
-    let mut starts = vec![0u32; COST_STEPS as usize + 3];
-    for e in &edges {
-        starts[e.2 as usize + 1] += 1;
-    }
-    for c in 1..starts.len() {
-        starts[c] += starts[c - 1];
-    }
-    let mut order = vec![(0u32, 0u32); edges.len()];
-    for &(i, j, cost) in &edges {
-        order[starts[cost as usize] as usize] = (i, j);
-        starts[cost as usize] += 1;
-    }
-    drop(edges);
-    let mut parent: Vec<u32> = (0..points.len() as u32).collect();
-    order.retain(|&(i, j)| {
-        let (a, b) = (root(&mut parent, i), root(&mut parent, j));
-        parent[a.max(b) as usize] = a.min(b);
-        a != b
-    });
-    order
+    };
+    let mut edges: Vec<(u16, u32, u32, bool)> = (0..points.len()).into_par_iter().flat_map_iter(of_point).collect();
+    edges.par_sort_unstable();
+    edges.into_iter().map(|(_, i, j, flip)| (i, j, flip)).collect()
 }
 
-/// Root of `i` in a union-find forest, halving the path.
-fn root(parent: &mut [u32], mut i: u32) -> u32 {
-    while parent[i as usize] != i {
-        let above = parent[parent[i as usize] as usize];
-        parent[i as usize] = above;
-        i = above;
+/// Union-find of points that are joined, with what takes one normal to the other: same side or flipped.
+struct Parts {
+    parent: Vec<(u32, bool)>,
+}
+
+impl Parts {
+    fn new(n: usize) -> Self {
+        Self { parent: (0..n as u32).map(|i| (i, false)).collect() }
     }
-    i
+
+    /// Root of `i`, and whether `i` is flipped against it. Halves the path.
+    fn root(&mut self, mut i: usize) -> (usize, bool) {
+        let mut flip = false;
+        loop {
+            let (above, flip_above) = self.parent[i];
+            if above as usize == i {
+                return (i, flip);
+            }
+            let (top, flip_top) = self.parent[above as usize];
+            // The root is never flipped against itself.
+            self.parent[i] = (top, flip_above != flip_top);
+            (i, flip) = (top as usize, flip != (flip_above != flip_top));
+        }
+    }
+
+    fn join(&mut self, i: usize, j: usize, flip: bool) {
+        let ((a, flip_a), (b, flip_b)) = (self.root(i), self.root(j));
+        self.parent[a.max(b)] = (a.min(b) as u32, a != b && (flip_a != flip_b) != flip);
+    }
+
+    /// Root of every point, and whether it is flipped against it.
+    fn roots(&mut self) -> Vec<(u32, bool)> {
+        (0..self.parent.len()).map(|i| self.root(i)).map(|(root, flip)| (root as u32, flip)).collect()
+    }
 }
 
 #[cfg(test)]

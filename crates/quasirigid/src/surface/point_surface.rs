@@ -2,21 +2,42 @@
 
 use crate::error::{Error, Result, check_finite, check_positive};
 use crate::math::{Mat3, Real, Vec3};
-use crate::surface::areas::estimate_areas;
-use crate::surface::normals::estimate_normals;
+use crate::surface::areas::{AREA_NEIGHBOURS, areas_among};
+use crate::surface::nearest::{Nearest, SortedPoints};
+use crate::surface::normals::normals_among;
+use rayon::prelude::*;
 
 /// Fewest points that enclose a volume.
 const MIN_POINTS: usize = 4;
 /// Thinner than this share of its length, a set of points counts as a line.
 const LINE_ASPECT: Real = 1e-6;
+/// Neighbours of a point that must be reached without a hole between the spheres of a tree.
+const CLOSE_NEIGHBOURS: usize = 8;
 
 /// Points (m), unit outward normals and areas (m^2) of an unstructured surface, all of one length, in the body's frame.
 /// Every value is finite, every area positive, and the points do not all lie on one line.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct PointSurface {
     points: Vec<Vec3>,
     normals: Vec<Vec3>,
     areas: Vec<Real>,
+    /// Where neighbours were looked for: what they told, so that nobody has to look again.
+    spread: Option<Spread>,
+}
+
+/// How the points of a surface lie among each other.
+#[derive(Debug, Clone)]
+pub(crate) struct Spread {
+    /// An order in which near points are near in memory: `order[i]` is the index of the `i`-th.
+    pub order: Vec<u32>,
+    /// Half the distance from each point to the farthest of its close neighbours, m, in that order.
+    pub gaps: Vec<Real>,
+}
+
+impl PartialEq for PointSurface {
+    fn eq(&self, other: &Self) -> bool {
+        self.points == other.points && self.normals == other.normals && self.areas == other.areas
+    }
 }
 
 impl PointSurface {
@@ -35,17 +56,34 @@ impl PointSurface {
         if let Some((i, area)) = areas.iter().enumerate().find(|(_, a)| **a <= 0.0) {
             return Err(Error::value("areas", "values > 0 (m^2)", format!("{area} at position {i}"), "remove points without area"));
         }
-        Ok(Self { points, normals, areas })
+        Ok(Self { points, normals, areas, spread: None })
     }
 
-    /// From points (m) and outward normals; areas are estimated, see [`estimate_areas`].
+    /// From points (m) and outward normals; areas are estimated, see [`super::areas::estimate_areas`].
     ///
     /// # Errors
     /// Those of [`PointSurface::new`]; [`Error::DegenerateSurface`] also where so many points coincide that no area is left to one.
     pub fn from_points_and_normals(points: Vec<Vec3>, mut normals: Vec<Vec3>) -> Result<Self> {
         check_points(&points)?;
-        normalise(&points, &mut normals)?;
-        let areas = estimate_areas(&points, &normals);
+        normalise(&points, &mut normals)?; // areas need unit normals
+        Self::estimated(points, Some(normals))
+    }
+
+    /// From bare points (m): normals estimated and oriented consistently, see [`super::normals::estimate_normals`], then areas.
+    ///
+    /// # Errors
+    /// Those of [`PointSurface::from_points_and_normals`].
+    pub fn from_points(points: Vec<Vec3>) -> Result<Self> {
+        check_points(&points)?;
+        Self::estimated(points, None)
+    }
+
+    /// Areas, and normals if there are none, from one search for neighbours. The points and normals given have been checked.
+    fn estimated(points: Vec<Vec3>, normals: Option<Vec<Vec3>>) -> Result<Self> {
+        let sorted = SortedPoints::new(&points, AREA_NEIGHBOURS);
+        let nearest = sorted.nearest(AREA_NEIGHBOURS);
+        let sorted_normals = normals.as_ref().map_or_else(|| normals_among(&sorted.points, &nearest), |normals| sorted.pick(normals));
+        let areas = sorted.hand_back(&areas_among(&sorted.points, &sorted_normals, &nearest));
         if let Some(i) = areas.iter().position(|a| !(a.is_finite() && *a > 0.0)) {
             let hint = "remove duplicate points, or give areas";
             return Err(Error::degenerate(
@@ -55,17 +93,19 @@ impl PointSurface {
                 hint,
             ));
         }
-        Self::new(points, normals, areas)
+        let mut normals = normals.unwrap_or_else(|| sorted.hand_back(&sorted_normals));
+        normalise(&points, &mut normals)?;
+        let spread = Some(Spread { gaps: gaps_among(&sorted.points, &nearest), order: sorted.order });
+        Ok(Self { points, normals, areas, spread })
     }
 
-    /// From bare points (m): normals estimated and oriented consistently, see [`estimate_normals`], then areas.
-    ///
-    /// # Errors
-    /// Those of [`PointSurface::from_points_and_normals`].
-    pub fn from_points(points: Vec<Vec3>) -> Result<Self> {
-        check_points(&points)?;
-        let normals = estimate_normals(&points);
-        Self::from_points_and_normals(points, normals)
+    /// How the points lie among each other, looked for if that has not been done.
+    pub(crate) fn spread(&mut self) -> Spread {
+        self.spread.take().unwrap_or_else(|| {
+            let sorted = SortedPoints::new(&self.points, CLOSE_NEIGHBOURS);
+            let nearest = sorted.nearest(CLOSE_NEIGHBOURS);
+            Spread { gaps: gaps_among(&sorted.points, &nearest), order: sorted.order }
+        })
     }
 
     /// Points, m.
@@ -130,6 +170,15 @@ impl PointSurface {
         self.points.iter_mut().for_each(|p| *p += offset);
         Self::new(self.points, self.normals, self.areas)
     }
+}
+
+/// Half the distance from each point to the farthest of its close neighbours, m.
+fn gaps_among(points: &[Vec3], nearest: &Nearest) -> Vec<Real> {
+    let gap = |i: usize| {
+        let close = &nearest.of(i)[..nearest.k.min(CLOSE_NEIGHBOURS)];
+        0.5 * close.last().map_or(0.0, |&j| (points[j as usize] - points[i]).norm())
+    };
+    (0..points.len()).into_par_iter().with_min_len(4096).map(gap).collect()
 }
 
 /// Enough points, all finite, not all in one place or on one line.

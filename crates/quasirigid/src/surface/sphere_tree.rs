@@ -6,20 +6,20 @@
 //! another cut is possible.
 //!
 //! Nodes are stored breadth-first (a parent before its children), so that a bottom-up pass is a loop from the end. Points are
-//! re-ordered so that every node owns a contiguous range: a leaf's points are a slice, and a strided pick out of an inner
-//! node's range is an even sample of what lies below it (its level of detail).
+//! re-ordered so that every node owns a contiguous range: a leaf's points are a slice.
 
 use crate::math::{Mat3, Real, Vec3};
+use crate::surface::eigenvector::smallest_eigenvector;
 use rayon::prelude::*;
-
-/// Points in the sample that stands for an inner node.
-pub const SAMPLE_SIZE: usize = 16;
 
 /// Below this many leaves a node may be cut by normals instead of positions.
 const NORMAL_CUT_LEAVES: usize = 32;
 
 /// A node is cut by normals when the mean of its unit normals is shorter than this (about 30 degrees of spread each way).
 const NORMAL_CUT_LENGTH: Real = 0.9;
+
+/// Vectors that a principal axis is found from, at least, where there are as many.
+const AXIS_SAMPLE: usize = 4096;
 
 /// One node, undeformed. The spheres that follow deformation are in [`crate::body::Skin`].
 #[derive(Debug, Clone)]
@@ -46,25 +46,12 @@ pub struct Node {
     pub area: Real,
     /// Area-weighted mean of the unit normals below, not normalised: its length says how flat the node is.
     pub mean_normal: Vec3,
-    /// The leaf nearest to the centre: its control point stands for the node when a traversal stops here.
-    pub representative: u32,
 }
 
 impl Node {
     /// The points as a range of tree order.
     pub fn points(&self) -> std::ops::Range<usize> {
         self.first_point as usize..(self.first_point + self.point_count) as usize
-    }
-
-    /// Index in tree order of the `k`-th of [`SAMPLE_SIZE`] sample points (fewer if the node has fewer points).
-    pub fn sample(&self, k: usize) -> usize {
-        let count = self.sample_len();
-        self.first_point as usize + (2 * k + 1) * self.point_count as usize / (2 * count)
-    }
-
-    /// Number of sample points.
-    pub fn sample_len(&self) -> usize {
-        (self.point_count as usize).min(SAMPLE_SIZE)
     }
 }
 
@@ -107,33 +94,33 @@ impl SphereTree {
                 nodes.push(Node::unplaced(start, count, first_leaf + left_leaves, quota - left_leaves, index as u32, depth));
             }
         }
-        nodes.par_iter_mut().for_each(|node| {
-            let range = &order[node.points()];
-            let area: Real = range.iter().map(|&i| areas[i as usize]).sum();
-            let weighted = |f: &dyn Fn(usize) -> Vec3| range.iter().map(|&i| f(i as usize) * areas[i as usize]).sum::<Vec3>() / area;
-            let center = weighted(&|i| points[i]);
-            // Bounding the points themselves is tighter than bounding the children's spheres.
-            let radius = range.iter().map(|&i| (points[i as usize] - center).norm() + gaps[i as usize]).fold(0.0, Real::max);
-            let mean_normal = weighted(&|i| normals[i]);
-            (node.center, node.radius, node.area, node.mean_normal) = (center, radius, area, mean_normal);
+        // Sums from the leaves up; the radius needs every point again: bounding the points themselves is tighter than bounding the children's spheres.
+        nodes.par_iter_mut().with_min_len(64).filter(|node| node.children.is_none()).for_each(|node| {
+            for &i in &order[node.points()] {
+                let (i, area) = (i as usize, areas[i as usize]);
+                node.area += area;
+                node.center += points[i] * area;
+                node.mean_normal += normals[i] * area;
+            }
+        });
+        for index in (0..nodes.len()).rev() {
+            if let Some([l, r]) = nodes[index].children {
+                let (left, right) = (&nodes[l as usize], &nodes[r as usize]);
+                let sums = (left.area + right.area, left.center + right.center, left.mean_normal + right.mean_normal);
+                (nodes[index].area, nodes[index].center, nodes[index].mean_normal) = sums;
+            }
+        }
+        nodes.par_iter_mut().with_min_len(64).for_each(|node| {
+            let center = node.center / node.area;
+            let reach = |&i: &u32| (points[i as usize] - center).norm() + gaps[i as usize];
+            node.radius = order[node.points()].iter().map(reach).fold(0.0, Real::max);
+            (node.center, node.mean_normal) = (center, node.mean_normal / node.area);
         });
         let mut leaves = vec![0; leaf_count];
         for (index, node) in nodes.iter().enumerate().filter(|(_, node)| node.children.is_none()) {
             leaves[node.first_leaf as usize] = index as u32;
         }
-        let mut tree = Self { nodes, leaves };
-        tree.choose_representatives();
-        (tree, order)
-    }
-
-    fn choose_representatives(&mut self) {
-        let nearest = |node: &Node| {
-            let distance2 = |leaf: u32| (self.leaf(leaf as usize).center - node.center).norm_squared();
-            let leaves = node.first_leaf..node.first_leaf + node.leaf_count;
-            leaves.min_by(|&a, &b| distance2(a).total_cmp(&distance2(b))).unwrap_or(node.first_leaf)
-        };
-        let chosen: Vec<u32> = self.nodes.par_iter().map(nearest).collect();
-        self.nodes.iter_mut().zip(chosen).for_each(|(node, leaf)| node.representative = leaf);
+        (Self { nodes, leaves }, order)
     }
 
     /// The node of a leaf.
@@ -156,7 +143,6 @@ impl Node {
             level,
             area: 0.0,
             mean_normal: Vec3::zeros(),
-            representative: first_leaf as u32,
         }
     }
 }
@@ -196,17 +182,21 @@ fn cut_by_normals(normals: &[Vec3], order: &mut [u32]) -> Option<usize> {
     (left > 0 && left < order.len()).then_some(left)
 }
 
-/// The direction in which the chosen vectors spread most.
+/// The direction in which the chosen vectors spread most, about: along it they are cut, and for that a few thousand of them tell enough.
 fn principal_axis(vectors: &[Vec3], order: &[u32]) -> Vec3 {
-    let count = order.len() as Real;
-    let mean = order.iter().map(|&i| vectors[i as usize]).sum::<Vec3>() / count;
-    let mut scatter = Mat3::zeros();
-    for &i in order {
-        let d = vectors[i as usize] - mean;
-        scatter += d * d.transpose();
+    let step = order.len().div_ceil(AXIS_SAMPLE);
+    let first = vectors[order[0] as usize];
+    let (mut count, mut sum, mut scatter) = (0.0, Vec3::zeros(), Mat3::zeros());
+    for &i in order.iter().step_by(step) {
+        let d = vectors[i as usize] - first;
+        (count, sum, scatter) = (count + 1.0, sum + d, scatter + d * d.transpose());
     }
-    let eigen = scatter.symmetric_eigen();
-    eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned()
+    scatter -= sum * sum.transpose() / count;
+    // The largest eigenvalue of the scatter is the smallest of what is missing to its trace. Where two are equal, either of them will do.
+    smallest_eigenvector(&(Mat3::from_diagonal_element(scatter.trace()) - scatter)).unwrap_or_else(|| {
+        let eigen = scatter.symmetric_eigen();
+        eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned()
+    })
 }
 
 /// The smallest sphere around two spheres: (centre, radius).
@@ -257,9 +247,6 @@ mod tests {
             let below: u32 = children.iter().map(|&c| tree.nodes[c as usize].point_count).sum();
             assert_eq!(below, node.point_count);
             assert!(children.iter().all(|&c| tree.nodes[c as usize].parent == index as u32 && c as usize > index));
-            for k in 0..node.sample_len() {
-                assert!(node.points().contains(&node.sample(k)));
-            }
         }
         assert!((tree.nodes[0].area - areas.iter().sum::<Real>()).abs() < 1e-12);
     }

@@ -4,17 +4,15 @@ use crate::error::{Error, Result};
 use crate::math::{Pose, Real, Vec3};
 use crate::surface::control_points::{ControlPoints, Weights};
 use crate::surface::kernel::Kernel;
+use crate::surface::nearest::pick;
 use crate::surface::neighbours::NeighbourGrid;
-use crate::surface::point_surface::PointSurface;
+use crate::surface::point_surface::{PointSurface, Spread};
 use crate::surface::sphere_tree::SphereTree;
 use rayon::prelude::*;
 use std::ops::Range;
 
 /// Points of a leaf when the number of control points is not given: the paper's 36,000 / 4,800.
 pub const POINTS_PER_LEAF: Real = 7.5;
-
-/// Neighbours of a point that must be reached without a hole between the spheres.
-const CLOSE_NEIGHBOURS: usize = 8;
 
 /// Rows of variable length, stored flat: row `i` is `index[offsets[i]..offsets[i + 1]]`.
 #[derive(Debug, Clone, Default)]
@@ -82,7 +80,7 @@ impl Surface {
     ///
     /// # Errors
     /// [`Error::InvalidValue`] when there would be none, or fewer than two points for each.
-    pub fn build(surface: PointSurface, control_points: Option<usize>) -> Result<Self> {
+    pub fn build(mut surface: PointSurface, control_points: Option<usize>) -> Result<Self> {
         let count = surface.len();
         let leaf_count = control_points.unwrap_or_else(|| ((count as Real / POINTS_PER_LEAF).round() as usize).max(1));
         if leaf_count == 0 || leaf_count * 2 > count {
@@ -95,15 +93,27 @@ impl Surface {
         }
         let spacing = surface.spacing();
         let kernel = Kernel::for_spacing(spacing)?;
-        let gaps = neighbour_gaps(surface.points(), spacing);
-        let (tree, order) = SphereTree::build(surface.points(), surface.normals(), surface.areas(), &gaps, leaf_count);
-        let pick = |values: &[Vec3]| order.iter().map(|&i| values[i as usize]).collect::<Vec<_>>();
-        let (points, normals) = (pick(surface.points()), pick(surface.normals()));
-        let areas = order.iter().map(|&i| surface.areas()[i as usize]).collect();
-        let leaf_gaps: Vec<Real> =
-            (0..leaf_count).map(|l| tree.leaf(l).points().map(|k| gaps[order[k] as usize]).fold(0.0, Real::max)).collect();
+        let Spread { order: near_order, gaps } = surface.spread();
+        let points = pick(surface.points(), &near_order);
+        let normals = pick(surface.normals(), &near_order);
+        let areas = pick(surface.areas(), &near_order);
+        drop(surface);
+        // Here in near order; from now on in tree order.
+        let (tree, order) = SphereTree::build(&points, &normals, &areas, &gaps, leaf_count);
+        let (points, normals, areas, gaps) = (pick(&points, &order), pick(&normals, &order), pick(&areas, &order), pick(&gaps, &order));
+        let order = pick(&near_order, &order);
+        let leaf_gaps: Vec<Real> = (0..leaf_count).map(|l| gaps[tree.leaf(l).points()].iter().copied().fold(0.0, Real::max)).collect();
         let leaf_neighbours = neighbours_of_leaves(&tree, kernel.cutoff());
-        let border = |leaf: usize, ranges: &mut Vec<Range<u32>>| border_ranges(&tree, &leaf_neighbours, leaf, ranges);
+        // A leaf's centre hardly moves as it is projected: only points about a cutoff away have a say.
+        let border = |leaf: usize, ranges: &mut Vec<Range<u32>>| {
+            let (own, reach) = (tree.leaf(leaf), 1.2 * kernel.cutoff());
+            ranges.push(own.first_point..own.first_point + own.point_count);
+            for other in leaf_neighbours.row(leaf).iter().map(|&other| tree.leaf(other as usize)) {
+                if (other.center - own.center).norm_squared() < (other.radius + reach).powi(2) {
+                    ranges.push(other.first_point..other.first_point + other.point_count);
+                }
+            }
+        };
         let control = ControlPoints::build(&tree, &points, &normals, &kernel, border);
         let (interpolation, interpolation_weights) = interpolate(&tree, &points, &normals, &control, &leaf_neighbours);
         Ok(Self {
@@ -177,23 +187,11 @@ impl PointSurface {
     }
 }
 
-/// Half the distance from each point to the farthest of its close neighbours, m.
-fn neighbour_gaps(points: &[Vec3], spacing: Real) -> Vec<Real> {
-    let grid = NeighbourGrid::build(points, 2.0 * spacing);
-    points
-        .par_iter()
-        .map_init(Vec::new, |found, p| {
-            grid.k_nearest(p, CLOSE_NEIGHBOURS + 1, found);
-            0.5 * found.last().map_or(0.0, |&(_, distance2): &(u32, Real)| distance2.sqrt())
-        })
-        .collect()
-}
-
 /// Leaves whose spheres come within `reach` of each leaf's sphere.
 fn neighbours_of_leaves(tree: &SphereTree, reach: Real) -> Rows {
     let centers: Vec<Vec3> = tree.leaves.iter().map(|&n| tree.nodes[n as usize].center).collect();
     let largest = tree.leaves.iter().map(|&n| tree.nodes[n as usize].radius).fold(0.0, Real::max);
-    let grid = NeighbourGrid::build(&centers, largest + 0.5 * reach);
+    let grid = NeighbourGrid::build(&centers, 2.0 * largest + reach);
     let row = |(leaf, center): (usize, &Vec3)| {
         let radius = tree.leaf(leaf).radius;
         let mut row = Vec::new();
