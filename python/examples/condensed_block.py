@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -91,7 +92,7 @@ class Bricks:
         nx, ny, nz = self.shape
         layer = [(3 * (np.arange(nx * ny) * nz + k)[:, None] + np.arange(3)).ravel() for k in range(nz)]
         top = stiffness[layer[1]][:, layer[1]].toarray()
-        for below, above in zip(layer[1:], layer[2:], strict=False):
+        for below, above in pairwise(layer[1:]):
             up = stiffness[below][:, above]
             top = stiffness[above][:, above].toarray() - up.T @ (_inverse(top) @ up)
         return top

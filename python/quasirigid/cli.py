@@ -200,7 +200,10 @@ def bench(
         return
     if json_file is not None:
         json_file.write_text(text + "\n", encoding="utf-8")
-    Console().print(tables(results))
+    console = Console()
+    if not console.is_terminal:  # into a file or a pipe, which have no width
+        console = Console(width=100)
+    console.print(tables(results))
 
 
 @app.command()

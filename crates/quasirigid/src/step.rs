@@ -33,7 +33,7 @@ impl World {
         free_motions(bodies, &context, &mut ws.free);
         times.free_motion = lap(&mut clock);
 
-        collision(&mut ws.collision, bodies, &ws.free, pairs, friction, params);
+        collision(&mut ws.collision, bodies, &ws.free, pairs, friction, params, self.steps);
         times.collision = lap(&mut clock);
 
         contact_problem(&mut ws.problem, &mut ws.collision.contacts, pairs, bodies, &ws.free, params.dt);

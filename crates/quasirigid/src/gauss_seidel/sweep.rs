@@ -43,9 +43,12 @@ const GOOD_PROGRESS: Real = 0.25;
 /// Newton steps for a problem from elsewhere; then the caller tries something else.
 const NEWTON_STEPS: u32 = 30;
 
-/// A warm start is improved at least by this factor, even if that is far below the tolerance: errors that the motion of the step feeds again
+/// A warm start is improved at least by this factor, even if that is below the tolerance: errors that the motion of the step feeds again
 /// would otherwise stay just below the tolerance for ever, and a held object would creep by them.
 const IMPROVEMENT: Real = 0.01;
+
+/// Below this share of the tolerance there is no need to improve by as much: the one sweep that every step makes takes errors further down, step by step.
+const WELL_BELOW: Real = 0.1;
 
 /// Sweeps that may be spent on that once the residual is within the tolerance.
 const REFINEMENT: u32 = 8;
@@ -171,7 +174,7 @@ impl<W: Delassus> Run<'_, W> {
         // The least that was seen, now and some sweeps ago.
         let (mut least, mut least_before) = (Real::INFINITY, Real::INFINITY);
         while self.sweeps < patience.max(self.parameters.min_sweeps) {
-            if self.parameters.measure == Measure::AsGiven && self.sweeps % STRETCH == 0 {
+            if self.parameters.measure == Measure::AsGiven && self.sweeps.is_multiple_of(STRETCH) {
                 // A problem from elsewhere has time: sweeps that get on well may go on.
                 if self.sweeps + STRETCH >= patience
                     && least <= GOOD_PROGRESS * least_before
@@ -191,7 +194,7 @@ impl<W: Delassus> Run<'_, W> {
             }
             // A problem from elsewhere has no next step that could creep.
             if self.sweeps == 1 && change > FINEST && self.parameters.measure == Measure::UnitFree {
-                aim = (IMPROVEMENT * change).min(tolerance);
+                aim = (IMPROVEMENT * change).clamp(WELL_BELOW * tolerance, tolerance);
             }
             let out_of_time = self.out_of_time(0);
             let seen = self.seen;
