@@ -47,6 +47,8 @@ class Configuration:
     options: dict[str, Any]
     pressure_field: str
     """What comes out about the pressure, in words."""
+    hold: float | None = None
+    """Length of the hold where the usual one would take too long, s."""
 
 
 class Simulation(Protocol):
