@@ -15,8 +15,10 @@ import argparse
 import dataclasses
 import importlib
 import json
+import multiprocessing
 import os
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -94,24 +96,31 @@ def load(only: list[str] | None) -> dict[str, ModuleType]:
     return installed
 
 
-def run(configurations: list[Configuration], installed: dict[str, ModuleType], effort: measures.Effort) -> list[dict[str, Any]]:
+def measure_one(configuration: Configuration, effort: measures.Effort) -> dict[str, Any]:
+    """The row of one configuration, but for its cost; in a process of its own if there are several."""
+    row = measures.measure(_make(configuration), configuration, effort)
+    return row | {"options": configuration.options, "short_hold": configuration.hold is not None and configuration.hold < effort.hold}
+
+
+def _make(configuration: Configuration) -> measures.Make:
+    module, scene_class, _ = ENGINES[configuration.engine]
+    return getattr(importlib.import_module(module), scene_class)
+
+
+def run(configurations: list[Configuration], installed: dict[str, ModuleType], effort: measures.Effort, jobs: int) -> list[dict[str, Any]]:
     """The rows of the large table."""
-    rows: list[dict[str, Any]] = []
-    there = []
-    for k, c in enumerate(configurations):
-        row: dict[str, Any] = {"engine": c.engine, "name": c.name, "dt_ms": 1e3 * c.dt, "missing": tables.MISSING}
-        if c.engine in installed:
-            say(f"{k + 1}/{len(configurations)} {c.name}, dt {1e3 * c.dt:g} ms {c.options}")
-            make = getattr(installed[c.engine], ENGINES[c.engine][1])
-            row = measures.measure(make, c, effort) | {"options": c.options, "short_hold": c.hold is not None and c.hold < effort.hold}
-            there.append((row, make, c))
-            say(f"    {json.dumps(row)}")
-        rows.append(row)
+    there = [c for c in configurations if c.engine in installed]
+    measured = []
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        for c, row in zip(there, pool.map(measure_one, there, [effort] * len(there)), strict=True):
+            say(f"{len(measured) + 1}/{len(there)} {c.name}, dt {1e3 * c.dt:g} ms: {json.dumps(row)}")
+            measured.append(row)
     say("cost of a step, by turns")
-    for (row, *_), figures in zip(there, measures.cost([(make, c) for _, make, c in there], effort.cost_rounds), strict=True):
+    for row, figures in zip(measured, measures.cost([(_make(c), c) for c in there], effort.cost_rounds), strict=True):
         row.update(figures)
         say(f"    {row['name']}, dt {row['dt_ms']:g} ms, {row['contacts']} contacts: {figures}")
-    return rows
+    rows = iter(measured)
+    return [next(rows) if c.engine in installed else {"name": c.name, "dt_ms": 1e3 * c.dt, "missing": tables.MISSING} for c in configurations]
 
 
 def run_capsule(installed: dict[str, ModuleType], effort: measures.Effort, cases: list[Configuration]) -> list[dict[str, Any]]:
@@ -142,6 +151,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--hold", type=float, metavar="SECONDS", help="length of the hold (default 60)")
     parser.add_argument("--quick", action="store_true", help="one setting of each engine, a hold of 1 s")
     parser.add_argument("--only", action="append", choices=ENGINES, help="leave the others out; may be given several times")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes for all but the cost, which is always taken alone (default 1)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="keep all figures")
     parser.add_argument("--write", type=Path, metavar="FILE", help="put the tables between the markers of this page")
     options = parser.parse_args(arguments)
@@ -150,11 +160,13 @@ def main(arguments: list[str] | None = None) -> None:
         if not 0.0 < options.hold < float("inf"):
             parser.error(f"--hold must be a positive number of seconds, not {options.hold}")
         effort = dataclasses.replace(effort, hold=options.hold)
+    if options.jobs < 1:
+        parser.error(f"--jobs must be 1 or more, not {options.jobs}")
     installed = load(options.only)
     wanted = [c for c in (QUICK if options.quick else CONFIGURATIONS) if not options.only or c.engine in options.only]
     capsules = [c for c in CAPSULE if (not options.only or c.engine in options.only) and (not options.quick or c.dt == 1e-3)]
     capsule = run_capsule(installed, effort, capsules)
-    results = run(wanted, installed, effort)
+    results = run(wanted, installed, effort, options.jobs)
     versions = ", ".join(module.VERSION for module in installed.values())
     about = (
         f"{versions}; Python {sys.version.split()[0]}; hold of {effort.hold:g} s; one thread of {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the end."

@@ -85,25 +85,23 @@ def hold(simulation: Simulation, dt: float, seconds: float) -> dict[str, Any]:
 def slip(simulation: Simulation, dt: float) -> dict[str, Any]:
     """Friction over twice the squeeze when the box slides at 10 mm/s under a growing pull; exactly mu if Coulomb holds.
 
-    Squeeze and speed are means over the last moments: contacts may flicker, and a box on soft pads swings. The pull overshoots the threshold while the box gathers
+    Squeeze and speed are means over the last moments, over every step: point contacts that slide flicker between nothing and twice the force. The pull overshoots the threshold while the box gathers
     speed: with the ramp's rate ``r``, ``m v' = r t`` gives ``sqrt(2 m v r)``, 0.5 % of the load, which is taken off.
     """
-    window, every = max(round(SPEED_WINDOW / dt), 1), max(round(2e-3 / dt), 1)
-    squeezes: deque[float] = deque(maxlen=max(round(FORCE_WINDOW / (every * dt)), 4))
+    window = max(round(SPEED_WINDOW / dt), 1)
+    squeezes: deque[float] = deque(maxlen=max(round(FORCE_WINDOW / dt), 4))
     heights: deque[float] = deque([simulation.height()], maxlen=window + 1)
     capacity = 2.0 * scene.FRICTION * scene.SQUEEZE
-    pull, step = 0.0, 0
+    pull = 0.0
     while scene.WEIGHT + pull < 2.0 * capacity:
         ramp = RAMPS[scene.WEIGHT + pull > SLOW_FROM * capacity]
         pull += ramp * dt
-        step += 1
         simulation.pull(pull)
         simulation.step()
         heights.append(simulation.height())
-        if step % every == 0:
-            squeezes.append(simulation.squeeze())
+        squeezes.append(simulation.squeeze())
         speed = (heights[0] - heights[-1]) / (window * dt)
-        if len(heights) > window and squeezes and speed > SLIDING:
+        if len(heights) > window and speed > SLIDING:
             overshoot = min(math.sqrt(2.0 * scene.BOX_MASS * speed * ramp), pull)
             ratio = (scene.WEIGHT + pull - overshoot) / (2.0 * float(np.mean(squeezes)))
             return {"slip_ratio": ratio, "slip_error": ratio / scene.FRICTION - 1.0, "slips_under_its_weight": pull < 0.05 * scene.WEIGHT}
