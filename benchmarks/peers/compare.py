@@ -19,6 +19,7 @@ import multiprocessing
 import os
 import sys
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -78,7 +79,11 @@ CAPSULE = [
         for dt in (1e-3, 2e-3)
     ),
 ]
-ENGINES = {"quasirigid": ("ours", "Ours", "OurCapsule"), "mujoco": ("mujoco_peer", "MuJoCo", "MuJoCoCapsule"), "drake": ("drake_peer", "Drake", "")}
+ENGINES = {
+    "quasirigid": ("ours", "Ours", "OurCapsule"),
+    "mujoco": ("mujoco_peer", "MuJoCo", "MuJoCoCapsule"),
+    "drake": ("drake_peer", "Drake", ""),
+}
 
 
 def say(text: str) -> None:
@@ -111,8 +116,11 @@ def run(configurations: list[Configuration], installed: dict[str, ModuleType], e
     """The rows of the large table."""
     there = [c for c in configurations if c.engine in installed]
     measured = []
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        for c, row in zip(there, pool.map(measure_one, there, [effort] * len(there)), strict=True):
+    with ExitStack() as stack:
+        spread = map
+        if jobs > 1:
+            spread = stack.enter_context(ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"))).map
+        for c, row in zip(there, spread(measure_one, there, [effort] * len(there)), strict=True):
             say(f"{len(measured) + 1}/{len(there)} {c.name}, dt {1e3 * c.dt:g} ms: {json.dumps(row)}")
             measured.append(row)
     say("cost of a step, by turns")
@@ -120,7 +128,9 @@ def run(configurations: list[Configuration], installed: dict[str, ModuleType], e
         row.update(figures)
         say(f"    {row['name']}, dt {row['dt_ms']:g} ms, {row['contacts']} contacts: {figures}")
     rows = iter(measured)
-    return [next(rows) if c.engine in installed else {"name": c.name, "dt_ms": 1e3 * c.dt, "missing": tables.MISSING} for c in configurations]
+    return [
+        next(rows) if c.engine in installed else {"name": c.name, "dt_ms": 1e3 * c.dt, "missing": tables.MISSING} for c in configurations
+    ]
 
 
 def run_capsule(installed: dict[str, ModuleType], effort: measures.Effort, cases: list[Configuration]) -> list[dict[str, Any]]:
@@ -151,7 +161,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--hold", type=float, metavar="SECONDS", help="length of the hold (default 60)")
     parser.add_argument("--quick", action="store_true", help="one setting of each engine, a hold of 1 s")
     parser.add_argument("--only", action="append", choices=ENGINES, help="leave the others out; may be given several times")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes for all but the cost, which is always taken alone (default 1)")
+    parser.add_argument(
+        "--jobs", type=int, default=1, metavar="N", help="processes for all but the cost, which is always taken alone (default 1)"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="keep all figures")
     parser.add_argument("--write", type=Path, metavar="FILE", help="put the tables between the markers of this page")
     options = parser.parse_args(arguments)
@@ -168,9 +180,7 @@ def main(arguments: list[str] | None = None) -> None:
     capsule = run_capsule(installed, effort, capsules)
     results = run(wanted, installed, effort, options.jobs)
     versions = ", ".join(module.VERSION for module in installed.values())
-    about = (
-        f"{versions}; Python {sys.version.split()[0]}; hold of {effort.hold:g} s; one thread of {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the end."
-    )
+    about = f"{versions}; Python {sys.version.split()[0]}; hold of {effort.hold:g} s; one thread of {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the end."
     text = tables.markdown(results, capsule, about)
     print(text)
     if options.json:

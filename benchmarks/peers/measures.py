@@ -56,7 +56,9 @@ def measure(make: Make, configuration: Configuration, effort: Effort) -> dict[st
         "dt_ms": 1e3 * configuration.dt,
         **hold(make(configuration), configuration.dt, configuration.hold or effort.hold),
         **slip(make(configuration), configuration.dt),
-        "twist": [twist(make(configuration, 2, offset), configuration.dt, effort.twist) | {"offset_mm": 1e3 * offset} for offset in OFFSETS],
+        "twist": [
+            twist(make(configuration, 2, offset), configuration.dt, effort.twist) | {"offset_mm": 1e3 * offset} for offset in OFFSETS
+        ],
         "pressure_field": configuration.pressure_field,
     }
 

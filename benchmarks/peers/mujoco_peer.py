@@ -83,17 +83,17 @@ class MuJoCoCapsule:
     """The issue's scene: pads on damped slides, position actuators with targets past first contact."""
 
     def __init__(self, dt: float, options: dict[str, object]) -> None:
-        r, l, half = scene.CAPSULE_RADIUS, scene.CAPSULE_HALF_LENGTH, scene.CAPSULE_PAD
+        radius, half_length, half = scene.CAPSULE_RADIUS, scene.CAPSULE_HALF_LENGTH, scene.CAPSULE_PAD
         geom = f'friction="{scene.CAPSULE_FRICTION} 0.005 0.0001" condim="{options.get("condim", 3)}"'
         pads = "".join(
-            f'<body name="pad{k}" pos="{side * (r + half[0])} 0 0" gravcomp="1"><joint name="slide{k}" type="slide" axis="{-side} 0 0"/>'
+            f'<body name="pad{k}" pos="{side * (radius + half[0])} 0 0" gravcomp="1"><joint name="slide{k}" type="slide" axis="{-side} 0 0"/>'
             f'<geom type="box" size="{half[0]} {half[1]} {half[2]}" mass="{scene.PAD_MASS}" {geom}/></body>'
             for k, side in enumerate((-1, 1))
         )
         actuators = "".join(f'<position joint="slide{k}" kp="{scene.CAPSULE_STIFFNESS}" kv="{scene.CAPSULE_DAMPING}"/>' for k in range(2))
         self.model = mujoco.MjModel.from_xml_string(
             f"""<mujoco>{_option(dt, options)}<worldbody><body name="capsule" quat="0.7071067811865476 0.7071067811865476 0 0"><freejoint/>
-            <geom type="capsule" size="{r} {l}" mass="{scene.CAPSULE_MASS}" {geom}/></body>{pads}</worldbody><actuator>{actuators}</actuator></mujoco>"""
+            <geom type="capsule" size="{radius} {half_length}" mass="{scene.CAPSULE_MASS}" {geom}/></body>{pads}</worldbody><actuator>{actuators}</actuator></mujoco>"""
         )
         self.data = mujoco.MjData(self.model)
         self.model.opt.gravity[2] = 0.0

@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-HEAD = ("", "dt, ms", "hold", "slip threshold", "3 mm off centre", "10 mm off centre", "contacts", "CPU ms a step: held, shaken", "pressure field")
+HEAD = (
+    "",
+    "dt, ms",
+    "hold",
+    "slip threshold",
+    "3 mm off centre",
+    "10 mm off centre",
+    "contacts",
+    "CPU ms a step: held, shaken",
+    "pressure field",
+)
 MISSING = "not installed"
 
 
