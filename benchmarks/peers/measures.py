@@ -38,6 +38,8 @@ class Effort:
 
     hold: float = 60.0
     """s"""
+    hold_costly: float = 60.0
+    """The same for costly configurations, s."""
     twist: float = 5.0
     """s"""
     capsule: float = 5.0
@@ -45,7 +47,7 @@ class Effort:
     cost_rounds: int = 20
 
 
-QUICK = Effort(hold=1.0, twist=0.5, capsule=1.0, cost_rounds=2)
+QUICK = Effort(hold=1.0, hold_costly=1.0, twist=0.5, capsule=1.0, cost_rounds=2)
 
 
 def measure(make: Make, configuration: Configuration, effort: Effort) -> dict[str, Any]:
@@ -54,7 +56,7 @@ def measure(make: Make, configuration: Configuration, effort: Effort) -> dict[st
         "engine": configuration.engine,
         "name": configuration.name,
         "dt_ms": 1e3 * configuration.dt,
-        **hold(make(configuration), configuration.dt, configuration.hold or effort.hold),
+        **hold(make(configuration), configuration.dt, effort.hold_costly if configuration.costly else effort.hold),
         **slip(make(configuration), configuration.dt),
         "twist": [
             twist(make(configuration, 2, offset), configuration.dt, effort.twist) | {"offset_mm": 1e3 * offset} for offset in OFFSETS

@@ -47,8 +47,8 @@ class Configuration:
     options: dict[str, Any]
     pressure_field: str
     """What comes out about the pressure, in words."""
-    hold: float | None = None
-    """Length of the hold where the usual one would take too long, s."""
+    costly: bool = False
+    """Whether a hold of a minute takes a minute of CPU time."""
 
 
 class Simulation(Protocol):
