@@ -30,6 +30,7 @@ from scene import Configuration
 
 ELLIPTIC = {"cone": "elliptic"}
 BEST = ELLIPTIC | {"condim": 4, "noslip_iterations": 10}
+FLEXIBLE = ELLIPTIC | {"integrator": "discrete", "young": 1e6}
 START, END = "<!-- compare.py -->\n", "\n<!-- end -->"
 
 
@@ -68,6 +69,8 @@ CONFIGURATIONS = [
     _mujoco("elliptic, impratio 10", 1e-3, ELLIPTIC | {"impratio": 10}),
     _mujoco("elliptic, condim 4, noslip 10", 1e-3, BEST),
     _mujoco("elliptic, condim 4, noslip 10", 1e-2, BEST),
+    Configuration("mujoco", "MuJoCo flexible pads, elliptic, impratio 10", 1e-3, FLEXIBLE | {"impratio": 10}, "no: forces at vertices"),
+    Configuration("mujoco", "MuJoCo flexible pads, elliptic, impratio 100", 1e-3, FLEXIBLE | {"impratio": 100}, "no: forces at vertices"),
     _drake_point(1e-3),
     _drake_point(1e-2),
     *(_drake(dt, *setting) for dt in (1e-3, 1e-2) for setting in HYDROELASTIC),
