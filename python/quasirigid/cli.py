@@ -151,7 +151,7 @@ def grasp(
         str | None,
         typer.Option(
             metavar="SOURCE",
-            help="A tracked hand takes the object: dtrack, dtrack:PORT, dtrack:HOST:PORT:fw, or take:FILE in simulated time.",
+            help="A tracked hand takes the object: dtrack, dtrack:PORT, dtrack:HOST:PORT:fw, webxr, webxr:PORT, or take:FILE in simulated time.",
             rich_help_panel=MOCAP,
         ),
     ] = None,
@@ -166,7 +166,24 @@ def grasp(
         str | None,
         typer.Option("--bodies", metavar="MAP", help="Bodies on the fingers, such as thumb=0,index=1,middle=2.", rich_help_panel=MOCAP),
     ] = None,
-    bind: Annotated[str, typer.Option(metavar="ADDRESS", help="Address of this machine to listen on.", rich_help_panel=MOCAP)] = "0.0.0.0",
+    place: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z[,DEG]", help="webxr: where the world stands in the room, m, y up. Default: 0,0.75,-0.4", rich_help_panel=MOCAP
+        ),
+    ] = None,
+    certificate: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="webxr: serve https with this certificate (PEM).", rich_help_panel=MOCAP)
+    ] = None,
+    key: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="webxr: the certificate's key, if it is not in its file.", rich_help_panel=MOCAP)
+    ] = None,
+    bind: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Address of this machine to listen on. Default: 0.0.0.0, for webxr 127.0.0.1.", rich_help_panel=MOCAP
+        ),
+    ] = None,
     idle: Annotated[
         float, typer.Option(metavar="SECONDS", help="The session ends when nothing has come for so long.", rich_help_panel=MOCAP)
     ] = 3.0,
@@ -203,6 +220,9 @@ def grasp(
                 coupling=coupling,
                 calibration=calibration,
                 bodies=tracked_bodies,
+                place=place,
+                certificate=certificate,
+                key=key,
                 idle=idle,
                 out=out,
                 record=record,

@@ -11,12 +11,12 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from quasirigid._quasirigid import Calibration, HandDecoder, HandTargets, HandTracker, StepReport, __version__
+from quasirigid._quasirigid import Calibration, HandDecoder, HandFrame, HandTargets, HandTracker, StepReport, __version__
 from quasirigid.errors import InvalidValueError
 from quasirigid.grasp import GRAVITY, Stage
 from quasirigid.grasp_columns import contact_sums
@@ -27,7 +27,7 @@ from quasirigid.mocap.pace import Pace
 from quasirigid.mocap.stream import Source
 from quasirigid.recording import Column
 from quasirigid.scene_recording import SceneRecorder
-from quasirigid.view.scene import SceneState
+from quasirigid.view.scene import SceneModel, SceneState
 from quasirigid.view.world_scene import WorldScene
 
 FloatArray = npt.NDArray[np.float64]
@@ -90,13 +90,26 @@ class Look:
 Observer = Callable[[Look], None]
 
 
+class Viewer(Protocol):
+    """Somebody who shows the session while it runs."""
+
+    def begin(self, model: SceneModel) -> None:
+        """Show this scene from now on."""
+
+    def wants_state(self) -> bool:
+        """Whether it is time for a state."""
+
+    def draw(self, state: SceneState) -> None:
+        """Show this state."""
+
+
 class MocapSession:
     """The scene of ``quasirigid grasp`` on its support, and the hand that ``source`` tells of."""
 
-    def __init__(self, options: GraspOptions, mocap: MocapOptions, source: Source) -> None:
-        """Build the scene. Raises the errors of ``quasirigid.errors``."""
+    def __init__(self, options: GraspOptions, mocap: MocapOptions, source: Source, viewer: Viewer | None = None) -> None:
+        """Build the scene, and show it to ``viewer``. Raises the errors of ``quasirigid.errors``."""
         mocap.check()
-        self.options, self.mocap, self.source = options, mocap, source
+        self.options, self.mocap, self.source, self.viewer = options, mocap, source, viewer
         self.stage = Stage.build(options)
         self.world, self.object = self.stage.world, self.stage.object
         self._decoder = HandDecoder(mocap.side, bodies=mocap.bodies)
@@ -109,6 +122,13 @@ class MocapSession:
         self.observers: list[Observer] = []
         self.step_times: list[float] = []
         self.unconverged = 0
+        self._show(WorldScene(self.world))
+
+    def _show(self, scene: WorldScene) -> None:
+        self.scene = scene
+        if self.viewer is not None:
+            self.viewer.begin(scene.model)
+            self.viewer.draw(scene.state(phase="waiting for the hand"))
 
     # What comes in.
 
@@ -117,7 +137,7 @@ class MocapSession:
         arrivals = []
         for packet in self.source.take():
             self._last_arrival = packet.arrival
-            frame = self._decoder.decode(packet)
+            frame = packet if isinstance(packet, HandFrame) else self._decoder.decode(packet)
             if frame is not None:
                 self._tracker.push(frame)
                 arrivals.append(packet.arrival)
@@ -156,7 +176,7 @@ class MocapSession:
         else:
             self.coupling = TipCoupling(self.world, targets, pad, self.mocap.springs)
         pads, hands = self.coupling.pads, self.coupling.hands
-        self.scene = WorldScene(self.world, [self.object, self.stage.support, *pads], hands, pads)
+        self._show(WorldScene(self.world, [self.object, self.stage.support, *pads], hands, pads))
         self._finger_of = {place: finger for finger, place in enumerate(self.scene.model.fingertips())}
         self.outcome = Outcome(self._object_pose(), self.coupling.fingers)
 
@@ -187,8 +207,11 @@ class MocapSession:
     def _observe(self, report: StepReport, targets: HandTargets, recorder: SceneRecorder | None) -> None:
         assert self.coupling is not None
         assert self.outcome is not None
+        shown = self.viewer is not None and self.viewer.wants_state()
         wants = recorder is not None and recorder.wants_deformation
-        state = self.scene.state(report, self.outcome.phase, moved=wants)
+        state = self.scene.state(report, self.outcome.phase, moved=wants or shown)
+        if self.viewer is not None and shown:
+            self.viewer.draw(state)
         sums = contact_sums(state.contacts, 0, self._finger_of, len(self.coupling.fingers))
         support = _between(state, 0, 1)
         self.outcome.update(state.time, self._object_pose(), sums["hand/normal_force"], support, _guide(targets))
@@ -310,13 +333,14 @@ def run_mocap(
     *,
     record: Path | None = None,
     observers: tuple[Observer, ...] = (),
+    viewer: Viewer | None = None,
     told: Callable[[str], None] | None = None,
 ) -> MocapResult:
     """Run a session until its stream has ended or Ctrl-C, and leave ``summary.json`` and ``recording.h5`` in the directory ``out``.
 
     ``told`` is called with what goes on. Raises the errors of ``quasirigid.errors``.
     """
-    session = MocapSession(options, mocap, source)
+    session = MocapSession(options, mocap, source, viewer)
     session.observers += observers
     out.mkdir(parents=True, exist_ok=True)
     path: Path | None = None
