@@ -220,6 +220,7 @@ impl Attempt {
             min_sweeps: 0,
             time_budget: self.deadline.map(|deadline| deadline.saturating_duration_since(Instant::now())),
             measure: Measure::AsGiven,
+            foretold: false,
         };
         let report = solve(w, q, mu, &mut self.reactions, &mut self.status, &parameters, &mut Scratch::default());
         self.sweeps += report.sweeps;
