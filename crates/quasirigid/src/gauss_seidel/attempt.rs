@@ -141,6 +141,7 @@ impl Attempt<'_> {
             min_sweeps: 0,
             time_budget: None,
             measure: Measure::AsGiven,
+            foretold: false,
         };
         let report = solve_until(w, q, mu, &mut self.reactions, &mut self.status, &parameters, &mut Scratch::default(), self.deadline);
         self.sweeps += report.sweeps;

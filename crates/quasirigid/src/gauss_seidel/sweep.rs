@@ -43,11 +43,11 @@ const GOOD_PROGRESS: Real = 0.25;
 /// Newton steps for a problem from elsewhere; then the caller tries something else.
 const NEWTON_STEPS: u32 = 30;
 
-/// A warm start is improved at least by this factor, even if that is below the tolerance: errors that the motion of the step feeds again
+/// A warm start is improved at least by this factor, even if that is far below the tolerance: errors that the motion of the step feeds again
 /// would otherwise stay just below the tolerance for ever, and a held object would creep by them.
 const IMPROVEMENT: Real = 0.01;
 
-/// Below this share of the tolerance there is no need to improve by as much: the one sweep that every step makes takes errors further down, step by step.
+/// Below this share of the tolerance a forecast of something in motion need not be improved by as much.
 const WELL_BELOW: Real = 0.1;
 
 /// Sweeps that may be spent on that once the residual is within the tolerance.
@@ -194,7 +194,8 @@ impl<W: Delassus> Run<'_, W> {
             }
             // A problem from elsewhere has no next step that could creep.
             if self.sweeps == 1 && change > FINEST && self.parameters.measure == Measure::UnitFree {
-                aim = (IMPROVEMENT * change).clamp(WELL_BELOW * tolerance, tolerance);
+                let least = if self.parameters.foretold { WELL_BELOW * tolerance } else { 0.0 };
+                aim = (IMPROVEMENT * change).clamp(least, tolerance);
             }
             let out_of_time = self.out_of_time(0);
             let seen = self.seen;
