@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -19,10 +19,12 @@ import numpy.typing as npt
 from quasirigid._quasirigid import Body, Hand, HandModel, HandTargets, MassProperties, Material, Surface, World
 from quasirigid.errors import InvalidValueError
 from quasirigid.mocap import PARTS
-from quasirigid.summary import conjugate, rotate
+from quasirigid.summary import conjugate
 
 FloatArray = npt.NDArray[np.float64]
 PALM = PARTS.index("palm")
+PAD_POINTS, PAD_CONTROL_POINTS = 1200, 160
+"""Of a fingertip's surface: half of those of `quasirigid grasp`, so that a step is done in time."""
 PAD_MASS = 0.02
 """Of a pad that is a body of its own, kg: a fingertip's."""
 PAD_DRAG = (0.05, 1e-5)
@@ -67,20 +69,47 @@ class Coupling(Protocol):
     def hands(self) -> list[Hand]:
         """Hands that were added."""
 
-    def follow(self, targets: HandTargets) -> None:
-        """Aim at these targets in the next step."""
+    def follow(self, targets: HandTargets, rate: float = 1.0) -> None:
+        """Aim at these targets in the next step. ``rate``: how much faster than simulated time the hand is shown."""
 
 
 def pad_places(targets: HandTargets) -> tuple[FloatArray, FloatArray]:
     """Apex of every tracked pad's skin, (6, 3) m, and the direction that it faces, (6, 3), world; NaN where never seen."""
-    quaternions = targets.quaternions
-    facing = -np.stack(_z_axis(quaternions), axis=-1)
+    facing = _minus_z(targets.quaternions)
     return targets.positions + targets.pad_radii[:, None] * facing, facing
 
 
-def _z_axis(q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    w, x, y, z = np.moveaxis(q, -1, 0)
-    return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
+# Plain sums of products: `numpy.cross` takes ten times as long for so few numbers, and this is done in every step.
+
+
+def _minus_z(q: FloatArray) -> FloatArray:
+    """The negative z axes of the frames ``q`` (n, 4)."""
+    w, x, y, z = q.T
+    facing = np.empty((len(q), 3))
+    facing[:, 0] = -2.0 * (x * z + w * y)
+    facing[:, 1] = -2.0 * (y * z - w * x)
+    facing[:, 2] = 2.0 * (x * x + y * y) - 1.0
+    return facing
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Cross products of rows (n, 3)."""
+    return a[:, _YZX] * b[:, _ZXY] - a[:, _ZXY] * b[:, _YZX]
+
+
+_YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
+
+
+def _matrix(q: FloatArray) -> FloatArray:
+    """(3, 3) of the quaternion ``q`` (4,)."""
+    w, x, y, z = q.tolist()
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
 
 
 def _product(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -119,6 +148,9 @@ class _Offset:
 
     def update(self, weight: float, stretch: tuple[FloatArray, FloatArray] | None, dt: float) -> None:
         """``stretch`` is that between body and target without offset (m and rad); it is needed if the weight has grown."""
+        if self.zero and weight <= self.weight:
+            self.weight = weight
+            return
         if not self.zero:
             share = math.exp(-dt / OFFSET_FADES)
             self.linear, self.angular = share * self.linear, share * self.angular
@@ -149,7 +181,10 @@ class TipCoupling:
         self._dt = world.dt
         semi = HandModel.three_finger().pad_semi_axes
         self._depth = float(semi[2])
-        surface, mass = Surface.fingertip(semi), MassProperties.box(2.0 * semi, mass=PAD_MASS)
+        surface, mass = (
+            Surface.fingertip(semi, points=PAD_POINTS, control_points=PAD_CONTROL_POINTS),
+            MassProperties.box(2.0 * semi, mass=PAD_MASS),
+        )
         places, turns, _ = self._pads(targets)
         self._bodies = [
             world.add_body(surface, pad, mass=mass, position=places[row], quaternion=turns[row], name=PARTS[row], viscosity=PAD_DRAG)
@@ -174,13 +209,13 @@ class TipCoupling:
         apex, facing = pad_places(targets)
         places = apex - self._depth * facing
         w, x, y, z = targets.quaternions.T  # times half a turn about x
-        return places, np.stack([-x, w, z, -y], axis=1), places - targets.positions
+        return places, np.array([-x, w, z, -y]).T, places - targets.positions
 
-    def follow(self, targets: HandTargets) -> None:
-        """Aim at these targets in the next step."""
+    def follow(self, targets: HandTargets, rate: float = 1.0) -> None:
+        """Aim at these targets in the next step. ``rate``: how much faster than simulated time the hand is shown."""
         places, turns, arms = self._pads(targets)
-        spin = targets.angular_velocities
-        speed = targets.linear_velocities + np.cross(spin, arms)
+        spin = rate * targets.angular_velocities
+        speed = rate * targets.linear_velocities + _cross(spin, arms)
         weights = targets.weights
         (k, kr), (d, dr) = self.springs.stiffness, self.springs.damping
         for body, row, offset in zip(self._bodies, self.rows, self._offsets, strict=True):
@@ -209,8 +244,8 @@ class HandCoupling:
     fingers: tuple[str, ...]
     rows: tuple[int, ...]
 
-    def __init__(self, world: World, targets: HandTargets, pad: Material, *, side: str = "right", **options: Any) -> None:
-        """Add the hand to ``world`` where the palm is now; ``options`` as of ``World.add_hand``.
+    def __init__(self, world: World, targets: HandTargets, pad: Material, *, side: str = "right") -> None:
+        """Add the hand to ``world`` where the palm is now.
 
         Raises ``InvalidValueError`` if palm, thumb, index and middle finger were not all seen.
         """
@@ -224,11 +259,13 @@ class HandCoupling:
         mirror = np.array([1.0, 1.0 if side == "right" else -1.0, 1.0])
         self._base = np.array(BASE_IN_PALM) * mirror
         base, turn = self._base_pose(targets)
-        self._hand = world.add_hand(HandModel.three_finger(), position=base, quaternion=turn, material=pad, **options)
         model = HandModel.three_finger()
+        self._hand = world.add_hand(
+            model, position=base, quaternion=turn, material=pad, points=PAD_POINTS, control_points=PAD_CONTROL_POINTS
+        )
         self.fingers = tuple(model.finger_names)
         # Searched from half-closed: a stretched finger cannot tell which way to bend.
-        middle = np.tile(0.5 * (model.lower_limits + model.upper_limits), 1)
+        middle = 0.5 * (model.lower_limits + model.upper_limits)
         self._aims = self._reach(targets, middle, iterations=200)
         self._hand.joint_positions = self._aims
         self._hand.joint_targets = self._aims
@@ -246,19 +283,19 @@ class HandCoupling:
 
     def _base_pose(self, targets: HandTargets) -> tuple[FloatArray, FloatArray]:
         turn = targets.quaternions[PALM]
-        return targets.positions[PALM] + rotate(turn, self._base), turn
+        return targets.positions[PALM] + _matrix(turn) @ self._base, turn
 
     def _reach(self, targets: HandTargets, start: FloatArray, iterations: int = 12) -> FloatArray:
         apex, facing = pad_places(targets)
         base, turn = self._base_pose(targets)
-        rows, back = list(self.rows), conjugate(turn)
-        places, ways = rotate(back, apex[rows] - base), rotate(back, facing[rows])
+        rows, to_world = list(self.rows), _matrix(turn)
+        places, ways = (apex[rows] - base) @ to_world, facing[rows] @ to_world
         found = [self._hand.reach(f, places[f], ways[f], start=start[f], iterations=iterations) for f in range(len(rows))]
         self.miss = np.array([error for _, error in found])
         """How far the fingers fall short of the tracked tips, m: beyond their reach or their joint limits."""
         return np.stack([joints for joints, _ in found])
 
-    def follow(self, targets: HandTargets) -> None:
+    def follow(self, targets: HandTargets, rate: float = 1.0) -> None:  # noqa: ARG002  # joint controllers aim at places, not velocities
         """Aim at these targets in the next step. The base follows the palm wherever it is; fingers that the tracker has lost go limp."""
         self._hand.move_to(*self._base_pose(targets))
         self._aims = self._reach(targets, self._aims)

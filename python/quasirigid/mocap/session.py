@@ -16,7 +16,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from quasirigid._quasirigid import Calibration, HandDecoder, HandFrame, HandTargets, HandTracker, StepReport, __version__
+from quasirigid._quasirigid import Calibration, HandDecoder, HandFrame, HandTargets, HandTracker, Material, StepReport, Surface, __version__
 from quasirigid.errors import InvalidValueError
 from quasirigid.grasp import GRAVITY, Stage
 from quasirigid.grasp_columns import contact_sums
@@ -27,6 +27,7 @@ from quasirigid.mocap.pace import Pace
 from quasirigid.mocap.stream import Source
 from quasirigid.recording import Column
 from quasirigid.scene_recording import SceneRecorder
+from quasirigid.view.play import MAT, PEDESTAL, SOLVER_BUDGET
 from quasirigid.view.scene import SceneModel, SceneState
 from quasirigid.view.world_scene import WorldScene
 
@@ -39,8 +40,6 @@ SETTLE = 0.2
 """How long the hand is watched before the session begins, s: by then the filter knows the stream."""
 LATECOMERS = 2.0
 """Fingers that are not seen so long after the first are left out, s."""
-PADS = (1200, 160)
-"""Points and control points of a fingertip of the whole hand: half of those of `quasirigid grasp`, for the time that a frame costs."""
 
 
 @dataclass(frozen=True)
@@ -110,8 +109,13 @@ class MocapSession:
         """Build the scene, and show it to ``viewer``. Raises the errors of ``quasirigid.errors``."""
         mocap.check()
         self.options, self.mocap, self.source, self.viewer = options, mocap, source, viewer
-        self.stage = Stage.build(options)
+        self.stage = Stage.build(options, pedestal=PEDESTAL, time_budget=SOLVER_BUDGET if source.paced else None)
         self.world, self.object = self.stage.world, self.stage.object
+        # As in the live view: soft things to stand and to fall on.
+        soft = Material.preset("silicone")
+        self.stage.support.material = soft
+        floor = -PEDESTAL[2] if self.stage.taken.flat else -1e-3
+        self.mat = self.world.add_body(Surface.half_space(MAT, points=2_500), soft, motion="fixed", position=(0.0, 0.0, floor), name="mat")
         self._decoder = HandDecoder(mocap.side, bodies=mocap.bodies)
         self._tracker = HandTracker(mocap.side, calibration=mocap.calibration, delay=mocap.delay)
         self._last_arrival = source.now()
@@ -171,12 +175,11 @@ class MocapSession:
     def _couple(self, targets: HandTargets) -> None:
         pad, side = self.stage.pad, self.mocap.side
         if self.mocap.coupling == "hand":
-            points, control = PADS
-            self.coupling = HandCoupling(self.world, targets, pad, side=side, points=points, control_points=control)
+            self.coupling = HandCoupling(self.world, targets, pad, side=side)
         else:
             self.coupling = TipCoupling(self.world, targets, pad, self.mocap.springs)
         pads, hands = self.coupling.pads, self.coupling.hands
-        self._show(WorldScene(self.world, [self.object, self.stage.support, *pads], hands, pads))
+        self._show(WorldScene(self.world, [self.object, self.stage.support, self.mat, *pads], hands, pads))
         self._finger_of = {place: finger for finger, place in enumerate(self.scene.model.fingertips())}
         self.outcome = Outcome(self._object_pose(), self.coupling.fingers)
 
@@ -193,10 +196,10 @@ class MocapSession:
         step = 0
         while not self._over():
             due = self.pace.wait()
-            self.pace.used(self._listen())
+            self.pace.begin(self._listen())
             targets = self._tracker.sample(due)
             assert targets is not None  # a hand was seen
-            self.coupling.follow(targets)
+            self.coupling.follow(targets, self.pace.rate)
             report = self.world.step()
             self.step_times.append(report.step_time)
             self.unconverged += not report.converged
@@ -213,7 +216,7 @@ class MocapSession:
         if self.viewer is not None and shown:
             self.viewer.draw(state)
         sums = contact_sums(state.contacts, 0, self._finger_of, len(self.coupling.fingers))
-        support = _between(state, 0, 1)
+        support = _between(state, 0, 1) + _between(state, 0, 2)
         self.outcome.update(state.time, self._object_pose(), sums["hand/normal_force"], support, _guide(targets))
         if recorder is not None:
             rows = list(self.coupling.rows)
