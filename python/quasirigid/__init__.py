@@ -11,9 +11,11 @@ True
 from quasirigid._quasirigid import (
     STAGES,
     Body,
+    ComplianceMatrix,
     Contacts,
     ContactSolution,
     ContactStatus,
+    Friction,
     Grip,
     Hand,
     HandModel,
@@ -30,6 +32,7 @@ from quasirigid.errors import (
     InvalidHandleError,
     InvalidShapeError,
     InvalidValueError,
+    MissingPackageError,
     ObjectFileError,
     QuasirigidError,
     SurfaceWarning,
@@ -38,17 +41,22 @@ from quasirigid.errors import (
 from quasirigid.grasp_plan import GraspPlan, HandGeometry, plan_grasp
 from quasirigid.objects import ObjectGeometry, load_object
 from quasirigid.recording import Column, Recorder, Recording
+from quasirigid.scene_recording import SceneRecording
 from quasirigid.solver import ContactProblem, solve_contacts
+from quasirigid.view import open_view as view
+from quasirigid.world_recorder import record
 
 __all__ = [
     "STAGES",
     "Body",
     "Column",
+    "ComplianceMatrix",
     "ContactProblem",
     "ContactSolution",
     "ContactStatus",
     "Contacts",
     "DegenerateSurfaceError",
+    "Friction",
     "GraspPlan",
     "GraspPlanError",
     "Grip",
@@ -60,11 +68,13 @@ __all__ = [
     "InvalidValueError",
     "MassProperties",
     "Material",
+    "MissingPackageError",
     "ObjectFileError",
     "ObjectGeometry",
     "QuasirigidError",
     "Recorder",
     "Recording",
+    "SceneRecording",
     "StepReport",
     "Surface",
     "SurfaceWarning",
@@ -73,5 +83,7 @@ __all__ = [
     "__version__",
     "load_object",
     "plan_grasp",
+    "record",
     "solve_contacts",
+    "view",
 ]

@@ -10,7 +10,9 @@ Errors come from ``quasirigid.errors`` and say what was expected, what came and 
 a step reports through ``StepReport``.
 """
 
-from typing import ClassVar, Literal, final
+from collections.abc import Sequence
+from os import PathLike
+from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +26,7 @@ STAGES: tuple[str, str, str, str, str]
 
 Motion = Literal["inertial", "quasi-static", "fixed"]
 Compliance = Literal["local", "half-space"]
+FrictionRule = Literal["geometric-mean", "minimum", "maximum", "mean", "product"]
 FloatArray = npt.NDArray[np.float64]
 
 @final
@@ -81,6 +84,9 @@ class Surface:
     def control_points(self) -> FloatArray:
         """(m, 3) m, body frame."""
     @property
+    def control_normals(self) -> FloatArray:
+        """(m, 3) unit outward normals at the control points, body frame."""
+    @property
     def control_areas(self) -> FloatArray:
         """(m,) m^2; the sum is ``area``."""
     @property
@@ -126,6 +132,76 @@ class MassProperties:
         """The same body, made of a denser or lighter stuff, so that it weighs ``mass`` kg."""
 
 @final
+class ComplianceMatrix:
+    """A compliance of your own over the control points of one surface: a finite-element model condensed to its surface, say.
+
+    Give it to ``Material.replace(compliance=...)``. A material with it is good for that surface only.
+    """
+
+    def __init__(self, matrix: npt.ArrayLike) -> None:
+        """``matrix`` (3m, 3m) m/N: displacement of every control point under a unit force at each. Row and column ``3 i + k`` are axis ``k``
+        (x, y, z of the body frame) of ``Surface.control_points[i]``.
+
+        It must be symmetric (within 1e-8 of its largest entry; the symmetric part is kept) and positive semidefinite (no eigenvalue below -1e-9 of
+        that entry); to check takes about two seconds for 1,000 control points, and milliseconds for 100. Raises ``InvalidShapeError`` or
+        ``InvalidValueError``, which say what was found.
+        """
+    @property
+    def matrix(self) -> FloatArray:
+        """(3m, 3m) m/N, as it is used."""
+    @property
+    def asymmetry(self) -> float:
+        """Largest difference between an entry and its mirror image that was found, over the largest entry."""
+    def __len__(self) -> int:
+        """Number of control points ``m``."""
+
+@final
+class Friction:
+    """Coulomb friction and what goes beyond it. Immutable.
+
+    A contact sticks up to ``static`` times its normal force. While it slips with speed v its coefficient is
+    ``kinetic + (static - kinetic) * exp(-(v / stribeck_velocity)**2)``, and a viscous traction ``viscous * v`` comes on top.
+    With a ``direction`` these coefficients hold along it, and are ``ratio`` times as large across it: the friction circle
+    becomes an ellipse. ``Friction(0.5)`` is Coulomb's law.
+    """
+
+    def __init__(
+        self,
+        static: float,
+        kinetic: float | None = None,
+        *,
+        stribeck_velocity: float = 1e-3,
+        viscous: float = 0.0,
+        direction: npt.ArrayLike | None = None,
+        ratio: float | None = None,
+    ) -> None:
+        """``static`` and ``kinetic`` (the same, if left out) have no unit; ``stribeck_velocity`` m/s; ``viscous`` Pa s/m.
+
+        ``direction`` (3,), of any length, is in the frame of the surface's points (of a finger: of its last link), and goes
+        with ``ratio`` from 0.01 to 100. Where it is normal to the surface, every tangent is across it.
+
+        Raises ``InvalidValueError`` for what no friction is: a negative or non-finite number, ``kinetic`` above ``static``.
+        """
+    @property
+    def static(self) -> float: ...
+    @property
+    def kinetic(self) -> float: ...
+    @property
+    def stribeck_velocity(self) -> float:
+        """m/s."""
+    @property
+    def viscous(self) -> float:
+        """Pa s/m: traction per slip speed."""
+    @property
+    def direction(self) -> FloatArray | None:
+        """(3,) unit, frame of the surface's points; ``None`` if friction is the same in all directions."""
+    @property
+    def ratio(self) -> float:
+        """Coefficients across ``direction`` over those along it."""
+    def coefficient(self, speed: float) -> float:
+        """The coefficient along ``direction`` at a slip speed (m/s), without the viscous part."""
+
+@final
 class Material:
     """What a surface is made of. Immutable; ``replace`` gives a changed copy."""
 
@@ -140,14 +216,18 @@ class Material:
         *,
         name: str | None = None,
         density: float | None = None,
-        friction: float | None = None,
+        friction: float | Friction | None = None,
         young_modulus: float | None = None,
         poisson_ratio: float | None = None,
         layer_thickness: float | None = None,
         relaxation_time: float | None = None,
-        compliance: Compliance | None = None,
+        compliance: Compliance | ComplianceMatrix | npt.ArrayLike | None = None,
     ) -> Material:
-        """A copy with the fields given changed. Raises ``InvalidValueError`` for a figure no material has."""
+        """A copy with the fields given changed. Raises ``InvalidValueError`` for a figure no material has.
+
+        ``compliance`` is ``"local"``, ``"half-space"``, or a matrix of your own for one surface: see ``ComplianceMatrix``. Young's modulus,
+        Poisson's ratio and layer thickness have no effect on a matrix.
+        """
     @property
     def name(self) -> str: ...
     @property
@@ -155,7 +235,10 @@ class Material:
         """kg/m^3."""
     @property
     def friction(self) -> float:
-        """Coulomb coefficient against itself. A pair of materials has the geometric mean of the two."""
+        """Static friction coefficient against itself. ``World.friction_rule`` makes that of a pair from the two."""
+    @property
+    def friction_law(self) -> Friction:
+        """Friction against itself, all of it."""
     @property
     def young_modulus(self) -> float:
         """Pa."""
@@ -169,8 +252,11 @@ class Material:
     def relaxation_time(self) -> float:
         """Viscoelastic time constant of the surface, s."""
     @property
-    def compliance(self) -> Compliance:
-        """``"local"`` (Gaussian, Le Garrec et al. 2006) or ``"half-space"`` (Boussinesq and Cerruti)."""
+    def compliance(self) -> Literal["local", "half-space", "matrix"]:
+        """``"local"`` (Gaussian, Le Garrec et al. 2006), ``"half-space"`` (Boussinesq and Cerruti) or ``"matrix"`` (your own)."""
+    @property
+    def compliance_matrix(self) -> ComplianceMatrix | None:
+        """The matrix, where ``compliance`` is ``"matrix"``."""
 
 @final
 class HandModel:
@@ -210,6 +296,16 @@ class Body:
     @property
     def mass(self) -> float:
         """kg; 0 for a fixed body."""
+    @property
+    def surface(self) -> Surface | None:
+        """The surface at rest, body frame."""
+    @property
+    def material(self) -> Material | None:
+        """What the surface is made of. Settable: holds from the next step on, what is elastically displaced stays so."""
+    @material.setter
+    def material(self, value: Material) -> None: ...
+    def set_mass(self, mass: MassProperties | float) -> None:
+        """Another mass, as in ``World.add_body``; pose and velocities stay. Raises ``InvalidValueError`` for a fixed body."""
     @property
     def position(self) -> FloatArray:
         """Origin of the body frame, (3,) m, world."""
@@ -256,6 +352,8 @@ class Body:
 
     def deformed_normals(self) -> FloatArray:
         """Outward unit normals of the deformed points, (n, 3), world. Computed when asked for: a step does not need them."""
+    def moved_points(self) -> tuple[npt.NDArray[np.uint32], FloatArray]:
+        """The points of the surface that are displaced: their indices (k,) and where they are, (k, 3) m, body frame."""
     def displacements(self) -> FloatArray:
         """Elastic displacement ``u`` at the control points, (m, 3) m, body frame."""
 
@@ -312,6 +410,15 @@ class Hand:
 
     def deformed_normals(self, finger: int) -> FloatArray:
         """Outward unit normals of the deformed points of a fingertip, (n, 3), world."""
+    def moved_points(self, finger: int) -> tuple[npt.NDArray[np.uint32], FloatArray]:
+        """The displaced points of a fingertip: their indices (k,) and where they are, (k, 3) m, frame of its last link."""
+    def surface(self, finger: int) -> Surface | None:
+        """A fingertip at rest, frame of its last link."""
+    @property
+    def material(self) -> Material | None:
+        """What the fingertips are made of. Settable: holds from the next step on."""
+    @material.setter
+    def material(self, value: Material) -> None: ...
     def displacements(self, finger: int) -> FloatArray:
         """Elastic displacement ``u`` at the control points of the fingertip, (m, 3) m, frame of its link."""
     def grip(
@@ -400,7 +507,10 @@ class Contacts:
         """(n,) Pa, normal force over area."""
     @property
     def friction(self) -> FloatArray:
-        """(n,) Coulomb coefficient of the pair."""
+        """(n,) friction coefficient, along tangent1. Falls with slip speed if the pair's kinetic coefficient is lower."""
+    @property
+    def friction_ratio(self) -> FloatArray:
+        """(n,) friction coefficient along tangent2 over that along tangent1: 1 unless friction has a direction."""
     @property
     def status(self) -> npt.NDArray[np.uint8]:
         """(n,) values of ``ContactStatus``."""
@@ -523,6 +633,8 @@ class World:
         traversal_budget: int | None = None,
         contact_margin: float | None = None,
         collision_every: int = 1,
+        push_out_speed: float | None = None,
+        friction_rule: FrictionRule = "geometric-mean",
     ) -> None:
         """An empty world.
 
@@ -532,13 +644,26 @@ class World:
         looks at in a step (``None``: all). ``contact_margin`` m: contacts up to this gap enter the problem
         (``None``: chosen from the sampling). ``collision_every`` looks at the surfaces only in every so many-th step, and carries the contacts along
         with the bodies in between: cheaper in motion, off by ``d**2 / (2 R)`` after a move ``d`` on a radius ``R``.
+        ``push_out_speed`` m/s: how fast bodies that were put into each other come apart
+        (``None``: 0.02; ``inf``: within a step, with the velocity that this takes). ``friction_rule`` makes the friction of a
+        pair from that of its two materials; ``set_friction`` goes before it.
         """
     @property
     def dt(self) -> float:
         """s."""
     @property
     def gravity(self) -> FloatArray:
-        """(3,) m/s^2."""
+        """(3,) m/s^2. Settable: holds from the next step on."""
+    @gravity.setter
+    def gravity(self, value: npt.ArrayLike) -> None: ...
+    @property
+    def bodies(self) -> list[Body]:
+        """The rigid bodies, in the order in which contacts count them."""
+    @property
+    def hands(self) -> list[Hand]:
+        """The hands, in the order in which they were added."""
+    @property
+    def friction_rule(self) -> FrictionRule: ...
     @property
     def time(self) -> float:
         """Simulated seconds since the start."""
@@ -579,6 +704,16 @@ class World:
         """
     def remove(self, handle: Body | Hand) -> None:
         """Take a body or a hand out of the world; its handle is invalid from then on."""
+    def set_friction(self, a: Material | Body | Hand | str, b: Material | Body | Hand | str, friction: float | Friction | None) -> None:
+        """Say what friction is between ``a`` and ``b``, instead of combining it from two materials, from the next step on.
+
+        A material, or its name, stands for all bodies of that name, also those added later; a hand for its fingers. What is
+        said of two bodies goes before what is said of a body and a material, and that before two materials; of equals the
+        last one set holds. ``None`` takes back what was said of this pair. A direction of friction lies in the frame of
+        ``a`` (of the body added first, if both are one material).
+
+        Raises ``InvalidHandleError`` for a body that was removed or is of another world.
+        """
     def step(self, n: int = 1) -> StepReport:
         """Advance by ``n`` steps of ``dt`` and return the report of the last. The GIL is released meanwhile."""
     def contacts(self) -> Contacts:
@@ -586,7 +721,323 @@ class World:
     def contact_problem(self, *, sparse: bool = False) -> ContactProblem:
         """The contact problem of the last step, with the reactions found; ``W`` dense, or ``sparse`` as a SciPy ``bsr_array``.
 
-        In displacements over the step: ``W`` m/N, ``q`` m, reactions N. ``problem.save("step.npz")`` keeps it.
+        In displacements over the step: ``W`` m/N, ``q`` m, reactions N. ``problem.save("step.npz")`` keeps it. Always plain
+        Coulomb: where friction has a direction tangent2 is stretched by ``Contacts.friction_ratio``, and viscous drag is in ``q``.
         """
     def state_hash(self) -> int:
         """64-bit hash of the whole state: same input, same bits, whatever the number of threads."""
+
+# --- motion capture -------------------------------------------------------------------------------------------------------
+# `quasirigid.mocap` has these under the same names. Rows of hand arrays: thumb, index, middle, ring, little, palm.
+
+HandSide = Literal["left", "right"]
+
+@final
+class Packet:
+    """One datagram of a tracker: one frame."""
+
+    @staticmethod
+    def parse(data: bytes, arrival: float = 0.0) -> Packet:
+        """Read a datagram of DTrack. Raises ``PacketError`` with line and reason."""
+    @property
+    def frame(self) -> int:
+        """The tracker's frame counter."""
+    @property
+    def time(self) -> float | None:
+        """Seconds on the tracker's clock (Unix time of DTRACK3, else seconds since midnight UTC); ``None`` if it sends none."""
+    @property
+    def arrival(self) -> float:
+        """Seconds on the clock of the receiver or of the take."""
+    @property
+    def data(self) -> bytes:
+        """The datagram as it came."""
+    @property
+    def sender(self) -> tuple[str, int] | None:
+        """Address and port it came from; ``None`` for one from a file."""
+    @property
+    def order(self) -> Literal["new", "late", "duplicate", "restart"] | None:
+        """Where it stands among those before it; ``None`` for one from a file."""
+    @property
+    def bodies(self) -> dict[int, tuple[float, float, float]]:
+        """Bodies that are seen: id, and position in the tracker's room, m."""
+    @property
+    def hands(self) -> list[tuple[int, HandSide, list[bool]]]:
+        """Id, side, and for each finger whether it is seen."""
+    def counts(self) -> dict[str, int | None]:
+        """How many there are of each kind of target; ``None`` where the line was not sent."""
+
+@final
+class Receiver:
+    """An open UDP port, listened to by a thread of its own. A context manager."""
+
+    def __init__(
+        self,
+        connection: str = "5000",
+        *,
+        bind: str = "0.0.0.0",
+        interface: str = "0.0.0.0",
+        max_bytes: int = 32_768,
+        controller_port: int = 50_107,
+    ) -> None:
+        """Open and listen.
+
+        ``connection`` is ``PORT``, ``GROUP:PORT`` (multicast), ``HOST:PORT`` (packets of that controller only) or ``HOST:PORT:fw``
+        (greets it, for firewalls). ``bind`` is the address of this machine to listen on, ``interface`` the one that joins a multicast group.
+        Larger datagrams than ``max_bytes`` are refused. Raises ``InvalidValueError`` or ``NetworkError``.
+        """
+    @property
+    def address(self) -> tuple[str, int]:
+        """Address and port that are listened on."""
+    def now(self) -> float:
+        """Seconds since it was opened: the clock of ``Packet.arrival``."""
+    def wait(self, timeout: float) -> bool:
+        """Wait until there is something to take, at most ``timeout`` s; the GIL is released. Raises ``NetworkError`` if it cannot listen any more."""
+    def take(self) -> list[Packet]:
+        """All packets since the last call, in order of arrival; at most the last 512."""
+    @property
+    def latest(self) -> Packet | None:
+        """The newest by its frame counter."""
+    def statistics(self) -> dict[str, Any]:
+        """Counts (``datagrams, bytes, packets, lost, late, duplicates, restarts, malformed, oversize, empty, foreign, overrun``), Hz (``rate``,
+        ``tracker_rate``), s (``jitter, lateness, tracker_latency, pick_up_mean, pick_up_max``) and ``last_refusal``.
+        """
+    def close(self) -> None:
+        """Stop and close the port."""
+    def __enter__(self) -> Receiver: ...
+    def __exit__(self, *_exception: object) -> None: ...
+
+@final
+class Take:
+    """Recorded packets with their arrivals."""
+
+    @staticmethod
+    def read(path: str | PathLike[str]) -> Take:
+        """Read a take, compressed (gzip) or not, or packets that were captured elsewhere. Raises ``CaptureFileError``."""
+    @staticmethod
+    def pinch(*, seed: int = 1, rate: float = 60.0, noise: float = 3e-4, tremor: float = 1.5e-4) -> Take:
+        """A made-up right hand that pinches the box of the scene ``grasp``, lifts it by 10 cm, turns it by 30 degrees and puts it down, in 10 s.
+
+        ``rate`` Hz; ``noise`` m, standard deviation; ``tremor`` m. The middle finger is lost for 0.2 s. Same seed, same take.
+        """
+    def write(self, path: str | PathLike[str]) -> None:
+        """Write a file; compressed if its name ends in ``.gz``. Raises ``CaptureFileError``."""
+    @property
+    def packets(self) -> list[Packet]: ...
+    @property
+    def arrivals(self) -> FloatArray:
+        """(n,) s."""
+    @property
+    def notes(self) -> list[str]:
+        """Lines of notes."""
+    @property
+    def damaged(self) -> int:
+        """Packets that were cut or spoilt and are left out."""
+    @property
+    def duration(self) -> float:
+        """From first to last arrival, s."""
+    def statistics(self) -> dict[str, Any]:
+        """As ``Receiver.statistics``, for the whole take."""
+    def frames(self, decoder: HandDecoder) -> list[HandFrame]:
+        """The hand in every packet that has the line it would be in."""
+    def __len__(self) -> int: ...
+
+@final
+class TakeWriter:
+    """Writes a take while it is recorded; after every packet the file is whole."""
+
+    def __init__(self, path: str | PathLike[str], *, append: bool = False) -> None:
+        """Create or overwrite the file, or go on behind what is there. Raises ``CaptureFileError``."""
+    def note(self, text: str) -> None:
+        """A line of notes."""
+    def packet(self, arrival: float, data: bytes) -> None:
+        """A packet that came ``arrival`` s after the start of the recording."""
+
+@final
+class Replay:
+    """Sends a take as a controller would, in time, on a thread of its own. A context manager."""
+
+    def __init__(
+        self,
+        take: Take,
+        targets: Sequence[str] = (),
+        *,
+        speed: float = 1.0,
+        rounds: int = 1,
+        source_port: int = 50_107,
+        bind: str = "0.0.0.0",
+        serve_greeters: bool = True,
+        bodies: bool = False,
+    ) -> None:
+        """Start to send to ``targets`` (``HOST:PORT``, ``PORT``, ``GROUP:PORT``) and to whoever greets; without targets it waits for a greeting.
+
+        ``rounds`` 0 sends until it is stopped. ``source_port`` falls back to any port if it is taken: see ``address``. ``bodies`` also sends each
+        fingertip as a body of ``6d``. Raises ``InvalidValueError`` or ``NetworkError``.
+        """
+    @property
+    def address(self) -> tuple[str, int]:
+        """Address and port that it sends from."""
+    def wait(self, timeout: float) -> bool:
+        """Wait for the end, at most ``timeout`` s; the GIL is released. Whether it has ended."""
+    def state(self) -> dict[str, Any]:
+        """``sent, rounds, greetings, targets, refused, latest`` (s behind the schedule at worst) and ``done``."""
+    def stop(self) -> None:
+        """Stop."""
+    def __enter__(self) -> Replay: ...
+    def __exit__(self, *_exception: object) -> None: ...
+
+@final
+class HandFrame:
+    """One hand at one moment, whatever the tracker.
+
+    Tip frames: origin in the centre of the sphere that models the pad, +x along the outstretched finger, +z out of the nail.
+    Palm frame: origin in the index knuckle, +x along the outstretched index finger, +z out of the back of the hand.
+    A stretched finger has the orientation of the palm. Same for both hands.
+    """
+
+    def __init__(
+        self,
+        side: HandSide,
+        positions: npt.ArrayLike,
+        quaternions: npt.ArrayLike,
+        pad_radii: npt.ArrayLike,
+        tracked: Sequence[bool],
+        *,
+        time: float,
+        arrival: float,
+        source: Literal["webxr", "dtrack-hand", "dtrack-bodies", "synthetic"] = "webxr",
+        frame: Literal["tracker", "world"] = "tracker",
+    ) -> None:
+        """From ``positions`` (6, 3) m, ``quaternions`` (6, 4), ``pad_radii`` (6,) m and ``tracked`` (6,). Rows that are not tracked are not looked at.
+
+        ``time`` s on the tracker's clock, ``arrival`` s on the clock of whoever asks for targets.
+        """
+    @property
+    def side(self) -> HandSide: ...
+    @property
+    def time(self) -> float:
+        """s on the tracker's clock."""
+    @property
+    def arrival(self) -> float:
+        """s on the clock of the receiver or of the take."""
+    @property
+    def source(self) -> str: ...
+    @property
+    def frame(self) -> Literal["tracker", "world"]:
+        """The frame of all poses."""
+    @property
+    def positions(self) -> FloatArray:
+        """(6, 3) m; NaN where not tracked."""
+    @property
+    def quaternions(self) -> FloatArray:
+        """(6, 4); NaN where not tracked."""
+    @property
+    def pad_radii(self) -> FloatArray:
+        """(6,) m; NaN for fingers that the source does not have, 0 for the palm."""
+    @property
+    def tracked(self) -> npt.NDArray[np.bool_]:
+        """(6,)"""
+    @property
+    def present(self) -> npt.NDArray[np.bool_]:
+        """(6,) whether the source has it at all."""
+    def transformed(self, calibration: Calibration) -> HandFrame:
+        """The same hand seen from the world."""
+
+@final
+class HandDecoder:
+    """Makes frames of one hand from packets."""
+
+    def __init__(self, side: HandSide = "right", *, bodies: str | None = None) -> None:
+        """The fingertracking hand of that side or, with ``bodies``, bodies that are fixed to its fingers.
+
+        ``bodies`` is a text such as ``"thumb=0,index=1,middle=2,palm=3"``, or the name of a TOML file, which has its own side.
+        """
+    @property
+    def side(self) -> HandSide: ...
+    def decode(self, packet: Packet) -> HandFrame | None:
+        """The hand; one in which nothing is tracked if it is hidden; ``None`` if the packet lacks the line it would be in."""
+
+@final
+class HandTracker:
+    """Takes frames when they come, gives targets when they are needed: smooth for any rate, jitter, loss and order."""
+
+    def __init__(
+        self,
+        side: HandSide = "right",
+        *,
+        calibration: Calibration | None = None,
+        delay: float | None = None,
+        hold: float = 0.5,
+        fade: float = 0.5,
+        catch: float = 0.1,
+    ) -> None:
+        """All times in s. ``delay``: how far in the past the hand is shown; ``None`` fits the stream, 0 predicts. What is not seen keeps its full weight
+        for ``hold`` and fades within ``fade``; ``catch`` is the time constant with which a pose glides to where it is seen again.
+        """
+    def push(self, frame: HandFrame) -> None:
+        """Take a frame. Raises ``InvalidValueError`` for one of the other hand or with numbers that are not finite."""
+    def sample(self, now: float) -> HandTargets | None:
+        """The hand at ``now``, s on the clock of the arrivals, which must not fall back. ``None`` before the first frame."""
+    @property
+    def side(self) -> HandSide: ...
+    @property
+    def delay(self) -> float:
+        """How far in the past the hand is shown now, s."""
+
+@final
+class HandTargets:
+    """A hand at the moment it was asked for, in the world."""
+
+    @property
+    def positions(self) -> FloatArray:
+        """(6, 3) m; NaN where never seen."""
+    @property
+    def quaternions(self) -> FloatArray:
+        """(6, 4); NaN where never seen."""
+    @property
+    def linear_velocities(self) -> FloatArray:
+        """(6, 3) m/s; NaN where never seen."""
+    @property
+    def angular_velocities(self) -> FloatArray:
+        """(6, 3) rad/s; NaN where never seen."""
+    @property
+    def weights(self) -> FloatArray:
+        """(6,) 0 to 1: how much to believe it. Scale the spring by it; it is continuous in time."""
+    @property
+    def pad_radii(self) -> FloatArray:
+        """(6,) m; NaN where never seen, 0 for the palm."""
+    @property
+    def states(self) -> list[Literal["absent", "live", "held", "fading", "lost"]]:
+        """One for each row."""
+    @property
+    def delay(self) -> float:
+        """How far in the past the hand is shown, s."""
+    @property
+    def time(self) -> float:
+        """Time on the tracker's clock that is shown, s."""
+
+@final
+class Calibration:
+    """Rigid transform from the tracker's room to the world: ``x_world = R(quaternion) x_tracker + position``."""
+
+    def __init__(self, position: npt.ArrayLike | None = None, quaternion: npt.ArrayLike | None = None) -> None:
+        """``position`` (3,) m, ``quaternion`` (4,); the room is the world without them."""
+    @staticmethod
+    def read(path: str | PathLike[str]) -> Calibration:
+        """Read a TOML file with ``translation`` and ``quaternion``. Raises ``CaptureFileError`` or ``InvalidValueError``."""
+    def write(self, path: str | PathLike[str]) -> None:
+        """Write such a file."""
+    @staticmethod
+    def from_three_points(origin: npt.ArrayLike, on_x: npt.ArrayLike, in_plane: npt.ArrayLike) -> Calibration:
+        """From three points (3,) m touched in the tracker's room: the world's origin, one on +x, one of the half plane y > 0, z = 0."""
+    @staticmethod
+    def from_points(tracker: npt.ArrayLike, world: npt.ArrayLike) -> Calibration:
+        """Least squares from points (n, 3) m touched in the tracker's room and their places in the world, n >= 3."""
+    @property
+    def position(self) -> FloatArray:
+        """(3,) m."""
+    @property
+    def quaternion(self) -> FloatArray:
+        """(4,)"""
+    @property
+    def residual(self) -> float | None:
+        """Root mean square distance after a fit, m."""

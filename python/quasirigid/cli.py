@@ -1,4 +1,5 @@
-"""The command line: ``quasirigid grasp``, ``quasirigid bench``, ``quasirigid materials``.
+"""The command line: ``quasirigid grasp``, ``quasirigid view``, ``quasirigid replay``, ``quasirigid render``, ``quasirigid export``,
+``quasirigid bench``, ``quasirigid materials``.
 
 Standard output carries the result, standard error everything else. Exit code 0 is a finished run (a dropped object is a
 result too), 2 bad input, 130 an interrupt, 1 a bug.
@@ -23,7 +24,9 @@ from rich.panel import Panel
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from quasirigid import cli_recordings, cli_view
 from quasirigid.errors import QuasirigidError
+from quasirigid.mocap.commands import app as mocap_commands
 
 if TYPE_CHECKING:
     from quasirigid.grasp import GraspResult
@@ -78,6 +81,8 @@ def _common(
 ) -> None:
     """Real-time grasping with soft fingertips: contact patches and exact Coulomb friction."""
 
+
+app.add_typer(mocap_commands, name="mocap")
 
 OBJECT, PHYSICS, RUN = "Object", "Physics", "Run and output"
 
@@ -137,6 +142,10 @@ def grasp(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Where summary.json, recording.h5 and the plots go.", rich_help_panel=RUN)
     ] = Path("out/grasp"),
+    view: Annotated[bool, typer.Option("--view", help="Watch it in the browser, at the pace of the clock.", rich_help_panel=RUN)] = False,
+    record: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Where the recording goes. Default: recording.h5 in --out.", rich_help_panel=RUN)
+    ] = None,
 ) -> None:
     """Grasp an object, hold it, lift it, shake it, put it down; report how well it was held."""
     from quasirigid.grasp import run_grasp
@@ -160,7 +169,7 @@ def grasp(
     )
     try:
         with _terminable(), _progress(quiet=as_json) as progress:
-            result = run_grasp(options, out, progress=progress)
+            result = run_grasp(options, out, record=record, progress=progress, view=view)
     except KeyboardInterrupt as stop:
         _say(f"interrupted; what was recorded so far is in {out}")
         raise typer.Exit(143 if isinstance(stop, Terminated) else 130) from None
@@ -183,12 +192,8 @@ def bench(
 
     if json_file is not None and str(json_file) != "-":
         json_file.open("a", encoding="utf-8").close()  # a file that cannot be written is found out before, not after
-    try:
-        with _terminable(), _progress(quiet=False) as progress:
-            results = run_bench(quick=quick, progress=progress)
-    except KeyboardInterrupt as stop:
-        _say("interrupted")
-        raise typer.Exit(143 if isinstance(stop, Terminated) else 130) from None
+    with working(quiet=False) as progress:
+        results = run_bench(quick=quick, progress=progress)
     text = json.dumps(results, indent=2, allow_nan=False)
     if str(json_file) == "-":
         typer.echo(text)
@@ -223,6 +228,10 @@ def materials() -> None:
         table.add_row(name, *(f"{figure:,.4g}" if figure < 1e4 else f"{figure:,.0f}" for figure in figures))
     Console().print(table)
     Console().print("[dim]Two materials have the geometric mean of their frictions. The fingers are of fingertip_pulp.[/dim]")
+
+
+cli_view.add_to(app)
+cli_recordings.add_to(app)
 
 
 def _panel(result: GraspResult) -> Panel:
@@ -288,6 +297,17 @@ def _progress(*, quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
     with Progress(*parts, console=console, transient=True) as bar:
         task = bar.add_task("setting up", total=1.0)
         yield lambda phase, done: bar.update(task, description=phase, completed=done)
+
+
+@contextmanager
+def working(*, quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
+    """A progress bar; an interrupt ends the program with its exit code, in one line."""
+    try:
+        with _terminable(), _progress(quiet=quiet) as progress:
+            yield progress
+    except KeyboardInterrupt as stop:
+        _say("interrupted")
+        raise typer.Exit(143 if isinstance(stop, Terminated) else 130) from None
 
 
 @contextmanager

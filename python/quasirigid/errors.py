@@ -12,6 +12,7 @@ __all__ = [
     "InvalidHandleError",
     "InvalidShapeError",
     "InvalidValueError",
+    "MissingPackageError",
     "ObjectFileError",
     "QuasirigidError",
     "SurfaceWarning",
@@ -73,8 +74,30 @@ class ObjectFileError(QuasirigidError, OSError):
     """A file that is missing, unreadable or of an unknown format."""
 
 
+class CaptureFileError(QuasirigidError, OSError):
+    """A motion capture file (take, calibration, body map) that is missing, unreadable or has nothing in it."""
+
+
+class NetworkError(QuasirigidError, OSError):
+    """A socket that cannot be opened or used: port in use, no such group, no route."""
+
+
+class PacketError(QuasirigidError, ValueError):
+    """A datagram that is no packet of the tracker's format."""
+
+
 class GraspPlanError(QuasirigidError, ValueError):
     """An object that the hand cannot take: too large, too small, or without opposing sides."""
+
+
+class MissingPackageError(QuasirigidError, ImportError):
+    """An optional package that is not installed. The message says how to install it."""
+
+    @staticmethod
+    def of(package: str, purpose: str, extra: str) -> MissingPackageError:
+        """``package`` is missing; ``purpose`` is what it is needed for; ``extra`` is the extra of this package that brings it."""
+        hint = f"pip install {package}, or pip install 'quasirigid[{extra}]'"
+        return MissingPackageError(f"package {package}", f"it installed {purpose}", "none", hint)
 
 
 class SurfaceWarning(UserWarning):

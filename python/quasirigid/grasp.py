@@ -11,7 +11,8 @@ import math
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +22,17 @@ from scipy.spatial.transform import Rotation
 from quasirigid._quasirigid import STAGES, Grip, Hand, HandModel, MassProperties, Material, Surface, World, __version__
 from quasirigid._quasirigid import Body as RigidBody
 from quasirigid.errors import InvalidValueError, SurfaceWarning
-from quasirigid.grasp_columns import columns, contact_rows, scene_columns, scene_rows
+from quasirigid.grasp_columns import columns, contact_sums, still_columns, still_rows
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.grasp_plan import plan_grasp
 from quasirigid.objects import DEFAULT_POINTS, ObjectGeometry, load_object
 from quasirigid.plots import save_all
-from quasirigid.recording import Column, Recorder, Recording
+from quasirigid.recording import Recording
 from quasirigid.scene_plot import save_scene
+from quasirigid.scene_recording import SceneRecorder
 from quasirigid.summary import PHASES, FloatArray, conjugate, rotate, summarise
+from quasirigid.view import open_view
+from quasirigid.view.world_scene import WorldScene
 
 BOX_SIZE = (0.06, 0.06, 0.08)
 BOX_POINTS, BOX_CONTROL_POINTS = 36_000, 4_800
@@ -82,6 +86,8 @@ class Taken:
     approach: str
     squeeze: float
     warnings: tuple[str, ...] = ()
+    flat: bool = False
+    """Stands by itself on a small pedestal; whatever else is held by its stand until the fingers have it."""
 
 
 def minimum_jerk(s: float) -> float:
@@ -110,6 +116,24 @@ def take_box(options: GraspOptions) -> Taken:
         width=BOX_SIZE[0],
         approach="from above",
         squeeze=options.squeeze or BOX_SQUEEZE,
+        flat=True,
+    )
+
+
+def take_surface(name: str, surface: Surface, mass: MassProperties, options: GraspOptions, friction: float) -> Taken:
+    """Any object: a grasp is found for it. Raises ``GraspPlanError`` where the hand cannot take it."""
+    plan = plan_grasp(surface.points, surface.normals, mass.centre, friction=max(friction, 0.2))
+    needed = mass.mass * GRAVITY / plan.weight_per_squeeze if plan.weight_per_squeeze > 0.0 else 0.0
+    return Taken(
+        name=name,
+        surface=surface,
+        mass=mass,
+        lowest=float(surface.points[:, 2].min()),
+        hand=np.asarray(plan.rotation),
+        centre=np.asarray(plan.centre),
+        width=plan.width,
+        approach=plan.approach,
+        squeeze=options.squeeze or max(BOX_SQUEEZE, 3.0 * needed),
     )
 
 
@@ -128,27 +152,24 @@ def take_file(options: GraspOptions, friction: float, density: float) -> Taken:
             seed=options.seed,
         )
     surface = Surface.from_points(thing.points, thing.normals, thing.areas)
-    plan = plan_grasp(surface.points, surface.normals, thing.centre_of_mass, friction=max(friction, 0.2))
-    needed = thing.mass * GRAVITY / plan.weight_per_squeeze if plan.weight_per_squeeze > 0.0 else 0.0
-    return Taken(
-        name=thing.name,
-        surface=surface,
-        mass=MassProperties(thing.mass, thing.centre_of_mass, thing.inertia),
-        lowest=float(thing.points[:, 2].min()),
-        hand=np.asarray(plan.rotation),
-        centre=np.asarray(plan.centre),
-        width=plan.width,
-        approach=plan.approach,
-        squeeze=options.squeeze or max(BOX_SQUEEZE, 3.0 * needed),
-        warnings=tuple(thing.warnings),
-    )
+    mass = MassProperties(thing.mass, thing.centre_of_mass, thing.inertia)
+    return replace(take_surface(thing.name, surface, mass, options, friction), warnings=tuple(thing.warnings))
 
 
 class Grasp:
     """A world with a hand, an object and a support, and the script that moves them."""
 
-    def __init__(self, options: GraspOptions) -> None:
-        """Build the world. Raises the errors of ``quasirigid.errors`` for whatever cannot be built."""
+    def __init__(
+        self,
+        options: GraspOptions,
+        *,
+        taken: Taken | None = None,
+        pedestal: tuple[float, float, float] = PEDESTAL,
+        time_budget: float | None = None,
+    ) -> None:
+        """Build the world. ``taken`` is the object if it is neither the box nor from a file, ``pedestal`` (m) what a flat one stands on;
+        ``time_budget`` is that of ``World``. Raises the errors of ``quasirigid.errors`` for whatever cannot be built.
+        """
         options.check()
         self.options = options
         pad = Material.preset("fingertip_pulp").replace(compliance=options.compliance)
@@ -156,13 +177,15 @@ class Grasp:
         if options.friction is not None:
             pad, stuff = pad.replace(friction=options.friction), stuff.replace(friction=options.friction)
         self.friction = math.sqrt(pad.friction * stuff.friction)
-        self.taken = take_box(options) if options.object is None else take_file(options, self.friction, stuff.density)
+        if taken is None:
+            taken = take_box(options) if options.object is None else take_file(options, self.friction, stuff.density)
+        self.taken = taken
 
-        self.world = World(dt=options.dt, gravity=(0.0, 0.0, -GRAVITY), threads=options.threads)
+        self.world = World(dt=options.dt, gravity=(0.0, 0.0, -GRAVITY), threads=options.threads, time_budget=time_budget)
         # A flat box stands on a small pedestal, whatever else on a table.
-        flat = options.object is None
-        support = Surface.box(PEDESTAL, points=2_000) if flat else Surface.half_space(TABLE, points=4_000)
-        self._support_top = np.array([0.0, 0.0, -PEDESTAL[2] / 2 if flat else 0.0])
+        flat = taken.flat
+        support = Surface.box(pedestal, points=2_000) if flat else Surface.half_space(TABLE, points=4_000)
+        self._support_top = np.array([0.0, 0.0, -pedestal[2] / 2 if flat else 0.0])
         rubber = Material.preset("rubber")
         self.support = self.world.add_body(support, rubber, motion="fixed", position=self._support_top, name="support")
         start = np.array([0.0, 0.0, -self.taken.lowest])
@@ -170,7 +193,7 @@ class Grasp:
             self.taken.surface, stuff, mass=self.taken.mass, motion=options.object_motion, position=start, name=self.taken.name
         )
         self._stand = start
-        self._hold_by_stand(1.0)
+        self.hold_by_stand(1.0)
         # The palm sits PAD_DEPTH behind the middle between the pads, along the hand's own z axis.
         self.palm = start + self.taken.centre + PAD_DEPTH * self.taken.hand[:, 2]
         self.turn = quaternion_of(self.taken.hand)
@@ -179,10 +202,15 @@ class Grasp:
         self.hand = self.world.add_hand(model, position=self.palm, quaternion=self.turn, material=pad, motion=options.object_motion)
         self.grip = self._open_grip()
         self.fingers = tuple(self.hand.finger_names)
-        self._finger_of = {body: finger for finger, body in enumerate(self.hand.body_indices)}
+        self.scene = WorldScene(self.world, [self.object, self.support], [self.hand])
+        self._thing = 0  # the object's place in the scene
+        self._finger_of = {place: finger for finger, place in enumerate(self.scene.model.fingertips())}
         self._start_in_hand: FloatArray | None = None
         self._carried = 0.0
         self._stands = False
+        self.paced = False
+        """Whether steps keep to the clock, for whoever looks on."""
+        self._began = 0.0
         self._untouched = 0.0
 
     def _open_grip(self) -> Grip:
@@ -200,7 +228,7 @@ class Grasp:
         assert error is not None
         raise error
 
-    def run(self, recorder: Recorder, progress: Progress | None = None) -> None:
+    def run(self, recorder: SceneRecorder, progress: Progress | None = None) -> None:
         """Run all phases and record every step."""
         dt = self.options.dt
         script: list[tuple[str, float, Callable[[float], None]]] = [
@@ -242,27 +270,28 @@ class Grasp:
                 self._fall(recorder)  # closed on nothing
                 return
             if name == "hold":
-                recorder.still(scene_rows(self.object, self.hand, self._pad_semi_axes, recorder.steps - 1))
+                recorder.still(still_rows(self.object, self.hand, self._pad_semi_axes, recorder.steps - 1))
             done += duration if name not in CLOSING else duration / 4
         if progress is not None:
             progress("release", 1.0)
 
-    def columns(self) -> list[Column]:
-        """What ``run`` records."""
-        joints = self.hand.joint_positions.shape[1]
+    def recorder(self, path: Path, attributes: dict[str, Any]) -> SceneRecorder:
+        """A recorder for ``run``, which writes to ``path``."""
+        fingers, joints = len(self.fingers), self.hand.joint_positions.shape[1]
         sizes = len(self.object.deformed_points()), len(self.hand.deformed_points(0))
-        return columns(self.fingers, joints) + scene_columns(self.fingers, joints, *sizes)
+        own = columns(self.fingers, joints) + still_columns(self.fingers, joints, *sizes)
+        return SceneRecorder(path, self.scene.model, (fingers, joints), columns=own, attributes=attributes)
 
-    def _fall(self, recorder: Recorder) -> None:
+    def _fall(self, recorder: SceneRecorder) -> None:
         for _ in range(round(DURATIONS["fall"] / self.options.dt)):
             self._step("fall", recorder)
 
-    def _hold_by_stand(self, share: float) -> None:
+    def hold_by_stand(self, share: float) -> None:
         """An object from a file need not stand by itself: until the fingers have it, the support holds it like a stand does.
 
         ``share`` 1 is a stand that gives STAND_GIVES (m) under the object's weight, 0 is none.
         """
-        if self.options.object is None:
+        if self.taken.flat:
             return
         if share <= 0.0:
             self.object.clear_drive()
@@ -275,7 +304,7 @@ class Grasp:
 
     def _lower_support(self, s: float) -> None:
         """The support goes in the first half of the time; in the second half the object comes to rest in the fingers."""
-        self._hold_by_stand(1.0 - minimum_jerk(4.0 * s))
+        self.hold_by_stand(1.0 - minimum_jerk(4.0 * s))
         if s < 0.55:
             # The squeeze is kept up while the load moves from the support to the fingers; then it settles once more and the joint targets freeze.
             self.grip.squeeze = self.taken.squeeze
@@ -305,31 +334,27 @@ class Grasp:
             return False
         return self._untouched > LOST_FOR or bool(np.linalg.norm(self._object_in_hand() - self._start_in_hand) > DROPPED_AT)
 
-    def _step(self, phase: str, recorder: Recorder) -> None:
+    def _step(self, phase: str, recorder: SceneRecorder) -> None:
         self.grip.update()
         report = self.world.step()
+        if self.paced:
+            # Time that was lost is not made up for.
+            self._began = max(self._began, time.perf_counter() - self.world.time - self.options.dt)
+            time.sleep(max(0.0, self._began + self.world.time - time.perf_counter()))
+        state = self.scene.state(report, phase, moved=recorder.wants_deformation)
+        sums = contact_sums(state.contacts, self._thing, self._finger_of, len(self.fingers))
+        self._carried = float(sums["hand/force_on_object"][:, 2].sum())
+        self._untouched = 0.0 if sums["hand/contacts"].any() else self._untouched + self.options.dt
         row: dict[str, Any] = {
-            "time": self.world.time,
             "phase": PHASES.index(phase),
-            "bodies/pose": [_pose(self.object), _pose(self.support), _pose(self.hand)],
+            "object/pose": _pose(self.object),
             "object/velocity": np.concatenate([self.object.linear_velocity, self.object.angular_velocity]),
-            "hand/joint_positions": self.hand.joint_positions,
+            "hand/pose": _pose(self.hand),
             "hand/joint_targets": self.hand.joint_targets,
             "hand/joint_torques": self.hand.joint_torques,
-            "report/contacts": report.contacts,
-            "report/sweeps": report.sweeps,
-            "report/residual": report.residual,
-            "report/converged": report.converged,
-            "report/coarse": report.coarse,
-            "report/quarantined": len(report.quarantined),
-            "report/step_time": report.step_time,
-            "report/stage_times": [report.stage_times[name] for name in STAGES],
+            **sums,
         }
-        contacts = contact_rows(self.world.contacts(), self.object.index, self._finger_of, len(self.fingers))
-        self._carried = float(contacts["hand/force_on_object"][:, 2].sum())
-        self._untouched = 0.0 if contacts["hand/contacts"].any() else self._untouched + self.options.dt
-        row.update(contacts)
-        recorder.append(row)
+        recorder.append(state, row, report)
 
 
 def _nothing(_: float) -> None:
@@ -350,22 +375,31 @@ class GraspResult:
     plots: tuple[Path, ...]
 
 
-def run_grasp(options: GraspOptions, out: Path, *, progress: Progress | None = None) -> GraspResult:
-    """Run the whole job and leave ``summary.json``, ``recording.h5`` and the plots in the directory ``out``.
+def run_grasp(
+    options: GraspOptions, out: Path, *, record: Path | None = None, progress: Progress | None = None, view: bool = False
+) -> GraspResult:
+    """Run the whole job and leave ``summary.json``, ``recording.h5`` and the plots in the directory ``out``; the recording in ``record`` if given.
+    ``view`` shows it in the browser meanwhile, no faster than the clock.
 
     Raises the errors of ``quasirigid.errors`` for bad input. An interrupted run (``KeyboardInterrupt``) leaves a readable
     recording and a summary that says so, then passes the interrupt on.
     """
     grasp = Grasp(options)
     out.mkdir(parents=True, exist_ok=True)
-    path = out / "recording.h5"
+    path = out / "recording.h5" if record is None else record
     chosen = {key: "" if value is None else str(value) for key, value in asdict(options).items()}
-    attributes = {"quasirigid_version": __version__, "dt": options.dt, "options": json.dumps(chosen)}
-    attributes |= {"object": grasp.taken.name, "object_mass_kg": grasp.taken.mass.mass, "gravity_m_per_s2": GRAVITY}
+    attributes = {
+        "options": json.dumps(chosen),
+        "object": grasp.taken.name,
+        "object_mass_kg": grasp.taken.mass.mass,
+        "gravity_m_per_s2": GRAVITY,
+    }
     attributes |= {"friction": grasp.friction, "squeeze_n": grasp.taken.squeeze}
     began = time.perf_counter()
+    recorder = grasp.recorder(path, attributes)
     try:
-        with Recorder(path, grasp.columns(), attributes) as recorder:
+        with recorder, open_view(grasp.world) if view else nullcontext():
+            grasp.paced = view
             grasp.run(recorder, progress)
     except KeyboardInterrupt:
         _leave_summary(grasp, path, out, time.perf_counter() - began, interrupted=True)

@@ -18,9 +18,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from quasirigid.grasp_columns import contacts_on_object
+from quasirigid.palette import FINGER_COLOURS
 from quasirigid.summary import Columns, FloatArray, Phase, creep, moved, phases, pose_in, settled
 
-FINGER_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 INK, MUTED, BAND = "#222222", "#666666", "#F1F1EF"
 SLIP = 2
 STYLE: dict[str, Any] = {"fontsize": 9, "color": INK}
@@ -98,8 +99,7 @@ def forces(columns: Columns, fingers: Sequence[str], *, dt: float, weight: float
 def motion(columns: Columns, *, dt: float, subtitle: str = "") -> Figure:
     """Height of object and hand, and how far the object moved and turned in the hand, over time."""
     time, spans = columns["time"], phases(columns["phase"], columns["time"], dt)
-    poses = columns["bodies/pose"]
-    thing, hand = poses[:, 0], poses[:, 2]
+    thing, hand = columns["object/pose"], columns["hand/pose"]
     relative = pose_in(hand, thing)
     figure = _figure(9.0, 7.0, "Motion of the object", subtitle)
     top, middle, bottom = figure.subplots(3, 1, sharex=True)
@@ -239,7 +239,7 @@ def save_all(
     }
     hold = next((span for span in phases(recording["phase"], recording["time"], dt) if span.name == "hold"), None)
     if hold is not None:
-        figures["patches.png"] = patches(recording.rows("contacts", hold.last - 1), fingers, subtitle=subtitle)
+        figures["patches.png"] = patches(contacts_on_object(recording, hold.last - 1), fingers, subtitle=subtitle)
     out.mkdir(parents=True, exist_ok=True)
     for name, figure in figures.items():
         figure.savefig(out / name)

@@ -3,7 +3,7 @@
 A recording is a set of columns. A *step column* has one row per step. A *ragged column* has any number of rows per step
 (contacts): its rows lie one after another, and the step column ``<group>/end`` says where each step's rows end, so that
 the rows of step ``i`` are ``end[i - 1]:end[i]`` (from 0 for the first). A *still* has one row at most: it is written once in
-the run, or never.
+the run, or never. A *constant* is there from the start: the shapes of the bodies.
 
 The file is written in the single-writer-multiple-readers mode of HDF5, which keeps the file on disk valid at all times.
 Rows are buffered and go to disk block by block, so that an append costs microseconds; a run that is killed loses the last
@@ -24,12 +24,16 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from quasirigid.errors import InvalidShapeError, ObjectFileError
+from quasirigid.errors import InvalidShapeError, ObjectFileError, UnknownNameError
 
 FORMAT = "quasirigid-recording"
-VERSION = 1
-RAGGED_CHUNK = 8192
+VERSION = 2
+"""1 (2026): a grasp without what a replay needs. 2: every column of a replay; contacts as the engine has them, see ``scene_recording``."""
+RAGGED_CHUNK = 2048
+"""Rows. The last chunk is written anew with every block, and its old place in the file is lost: few rows lose little."""
 STILL = "still: one row, or none if the run did not get there"
+CONSTANT = "constant: the same in every step"
+PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
 @dataclass(frozen=True)
@@ -56,9 +60,18 @@ class Recorder:
     """Writes a recording. Use it in a ``with`` block: then the file is closed whatever happens inside."""
 
     def __init__(
-        self, path: str | Path, columns: Sequence[Column], attributes: Mapping[str, Any] | None = None, *, block: int = 100
+        self,
+        path: str | Path,
+        columns: Sequence[Column],
+        attributes: Mapping[str, Any] | None = None,
+        *,
+        constants: Mapping[str, npt.NDArray[Any]] | None = None,
+        block: int = 100,
     ) -> None:
-        """Create the file at ``path`` (an old one is replaced) with these ``columns``; ``block`` steps are written at a time."""
+        """Create the file at ``path`` (an old one is replaced) with these ``columns``; ``block`` steps are written at a time.
+
+        ``constants`` are arrays by name, written at once.
+        """
         self.path = Path(path)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.steps = 0
@@ -78,17 +91,22 @@ class Recorder:
         try:
             self._file.attrs.update({"format": FORMAT, "version": VERSION, "complete": False, "units": "SI: m, kg, s, N, Pa, rad"})
             self._file.attrs.update({"frames": "world: z up; quaternions are (w, x, y, z)", **(attributes or {})})
+            for name, values in (constants or {}).items():
+                packed = PACKED if np.size(values) else {}
+                self._file.create_dataset(name, data=values, **packed).attrs["rows"] = CONSTANT
             self._data = {c.name: self._create(c, RAGGED_CHUNK if c.ragged else block) for c in self._ragged + steps}
             self._data |= {c.name: self._create(c, 1) for c in self._stills}
             self._file.swmr_mode = True
         except BaseException:
             self._file.close()
+            self.path.unlink(missing_ok=True)  # half a head is no recording
             raise
 
     def _create(self, column: Column, chunk: int) -> h5py.Dataset:
-        packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if column.ragged or column.still else {}
+        # HDF5 has no chunks of no size: a column of no fingers gets one of a row.
+        chunks = (chunk, *(max(1, n) for n in column.shape))
         data = self._file.create_dataset(
-            column.name, (0, *column.shape), column.dtype, maxshape=(None, *column.shape), chunks=(chunk, *column.shape), **packed
+            column.name, (0, *column.shape), column.dtype, maxshape=(None, *(n or None for n in column.shape)), chunks=chunks, **PACKED
         )
         data.attrs.update({"unit": column.unit, "frame": column.frame, "what": column.what})
         if column.ragged:
@@ -203,12 +221,22 @@ class Recording:
         if self._file.attrs.get("format") != FORMAT:
             self._file.close()
             raise ObjectFileError(str(path), "a recording of quasirigid", "some other HDF5 file", "give the path of a recording.h5")
+        if self.version > VERSION:
+            found = f"version {self.version}"
+            self._file.close()
+            raise ObjectFileError(str(path), f"a recording of version {VERSION} or older", found, "update quasirigid to read it")
         self.names: list[str] = []
         self._file.visititems(lambda name, item: self.names.append(name) if isinstance(item, h5py.Dataset) else None)
         special = {name: str(self._file[name].attrs["rows"]) for name in self.names if "rows" in self._file[name].attrs}
         self._stills = {name for name, rows in special.items() if rows == STILL}
-        self._ragged = special.keys() - self._stills
+        self._constants = {name for name, rows in special.items() if rows == CONSTANT}
+        self._ragged = special.keys() - self._stills - self._constants
         self.steps: int = min((self._file[name].shape[0] for name in self.names if name not in special), default=0)
+
+    @property
+    def version(self) -> int:
+        """Version of the format that it was written in, 1 up to ``VERSION``."""
+        return int(self._file.attrs["version"])
 
     @property
     def complete(self) -> bool:
@@ -229,12 +257,24 @@ class Recording:
         return [str(label) for label in self._file[name].attrs.get("labels", [])]
 
     def __getitem__(self, name: str) -> npt.NDArray[Any]:
-        """A whole column: (steps, ...), (all rows, ...) for a ragged one, (1 or 0, ...) for a still."""
-        if name in self._stills:
+        """A whole column: (steps, ...), (all rows, ...) for a ragged one, (1 or 0, ...) for a still; a constant as it is."""
+        if name not in self.names:
+            raise UnknownNameError("column", f"one of {', '.join(sorted(self.names))}", name, "see Recording.names")
+        if name in self._stills | self._constants:
             still: npt.NDArray[Any] = self._file[name][:]
             return still
         stop = self._stop(name, self.steps - 1) if name in self._ragged else self.steps
         values: npt.NDArray[Any] = self._file[name][:stop]
+        return values
+
+    def row(self, name: str, step: int) -> npt.NDArray[Any]:
+        """One step of a step column."""
+        values: npt.NDArray[Any] = self._file[name][range(self.steps)[step]]
+        return values
+
+    def slice(self, name: str, start: int, stop: int) -> npt.NDArray[Any]:
+        """Rows ``start`` to ``stop`` of a step column or a ragged one."""
+        values: npt.NDArray[Any] = self._file[name][start:stop]
         return values
 
     def rows(self, group: str, step: int) -> dict[str, npt.NDArray[Any]]:

@@ -22,7 +22,8 @@ from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
-from quasirigid.plots import FINGER_COLOURS, INK, MUTED, SLIP, patch_plane
+from quasirigid.palette import BONE, FINGER_COLOURS, GLASS, LINK_RADII, NAIL, PAD, PALM
+from quasirigid.plots import INK, MUTED, SLIP, patch_plane
 from quasirigid.recording import Recording
 from quasirigid.scene_shot import Shot, pressure_on, read_shot
 from quasirigid.splats import Camera, FloatArray, Layer, creases, directions, edge_planes, halved, outline, shade, splat, tube
@@ -35,16 +36,13 @@ SCENE = (0, 0, 745, 745)
 """Place of the scene in the picture: left, bottom, width, height, px."""
 CLOSE = (812, 312, 360, 360)
 """Place of the close-up."""
-PAD, NAIL, BONE, PALM = (0.95, 0.86, 0.79), (0.86, 0.83, 0.81), (0.80, 0.83, 0.86), (0.62, 0.66, 0.71)
-GLASS = (0.30, 0.45, 0.62)
 EDGE = (0.20, 0.26, 0.34)
-LINK_RADII = (0.009, 0.0085, 0.0075, 0.0055)
-"""Of the tubes at the joints of a finger, as wide as the phalanges of the built-in hand, m."""
-GRID = 0.01
+GRID, CELL = 0.01, 1.5e-3
+"""Spacing of the floor's lines, and the grain of shadows, m."""
 HALO: list[patheffects.AbstractPathEffect] = [patheffects.withStroke(linewidth=3.0, foreground="white")]
 
 
-def _pad_colours(pressure: FloatArray, peak: float) -> FloatArray:
+def pad_colours(pressure: FloatArray, peak: float) -> FloatArray:
     """Colours (n, 4) of a pad under ``pressure`` (n,): viridis where it is pressed, its own where not."""
     x = np.clip(pressure / peak, 0.0, 1.0)
     loaded = np.clip((x - 0.01) / 0.05, 0.0, 1.0)[:, None]
@@ -72,7 +70,7 @@ def _tip(shot: Shot, finger: int) -> list[Part]:
     outward = rotate(pose[3:], unit / axes)
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     return [
-        (points, normals, _pad_colours(pressure_on(points, shot, finger), shot.peak)),
+        (points, normals, pad_colours(pressure_on(points, shot, finger), shot.peak)),
         (back, outward, np.tile([*NAIL, 0.0], (len(back), 1))),
     ]
 
@@ -111,32 +109,45 @@ def _ground(camera: Camera, z: float, shadows: list[tuple[FloatArray, float]], m
     of ``shadows``: points and how dark they make it.
     """
     x, y, _ = camera.plane(z)
-    far = np.hypot(x - middle[0], y - middle[1]) / reach
-    fade = np.clip(1.25 * (1.0 - far), 0.0, 1.0)
-    cell = 1.5e-3
-    cells = int(2 * reach / cell)
-    column, row = (x - middle[0] + reach) / cell - 0.5, (y - middle[1] + reach) / cell - 0.5
+    cells = int(2 * reach / CELL)
     dark = np.zeros(x.shape)
     for points, strength in shadows:
-        where = ((points[:, :2] - middle[:2] + reach) / cell).astype(int)
+        where = ((points[:, :2] - middle[:2] + reach) / CELL).astype(int)
         where = where[((where >= 0) & (where < cells)).all(axis=1)]
         covered = np.zeros((cells, cells))
         covered[where[:, 0], where[:, 1]] = 1.0
-        soft = 0.5 * gaussian_filter(covered, 2e-3 / cell) + 0.5 * gaussian_filter(covered, 7e-3 / cell)
-        dark = np.maximum(dark, strength * map_coordinates(soft, [column, row], order=1))
-    # Lines one fine pixel and a half wide, whichever way the floor is foreshortened.
+        dark = np.maximum(dark, strength * soft_shadow(covered, x - middle[0], y - middle[1], reach))
+    return tinted((1.0 - 0.13 * floor_lines(x, y, middle, reach)) * (1.0 - dark))
+
+
+def floor_lines(x: FloatArray, y: FloatArray, middle: FloatArray, reach: float) -> FloatArray:
+    """How strong the grid is (height, width) where the pixels see the floor at ``x``, ``y`` m; it fades out at ``reach`` m from the ``middle``."""
+    far = np.hypot(x - middle[0], y - middle[1]) / reach
     lines = np.zeros(x.shape)
+    # Lines one fine pixel and a half wide, whichever way the floor is foreshortened.
     for along in (x, y):
         slope = np.hypot(*np.gradient(along)) + 1e-12
         off = np.abs((along / GRID + 0.5) % 1.0 - 0.5) * GRID / slope
         lines = np.maximum(lines, np.clip(1.6 - off, 0.0, 1.0))
-    shade_of = (1.0 - 0.13 * fade * lines) * (1.0 - dark)
+    strength: FloatArray = np.clip(1.25 * (1.0 - far), 0.0, 1.0) * lines
+    return strength
+
+
+def soft_shadow(covered: FloatArray, x: FloatArray, y: FloatArray, reach: float) -> FloatArray:
+    """A soft shadow (height, width), 0 to 1, of what covers the floor: ``covered`` (cells, cells) of ``CELL`` m, along x and y from ``-reach``."""
+    soft = 0.5 * gaussian_filter(covered, 2e-3 / CELL) + 0.5 * gaussian_filter(covered, 7e-3 / CELL)
+    dark: FloatArray = map_coordinates(soft, [(x + reach) / CELL - 0.5, (y + reach) / CELL - 0.5], order=1)
+    return dark
+
+
+def tinted(light: FloatArray) -> FloatArray:
+    """The colour (height, width, 3) of a floor under this much ``light``: shadows are a little blue."""
     tint = np.array([0.97, 0.985, 1.0])
-    floor: FloatArray = np.clip(shade_of[..., None] ** (1.0 / tint), 0.0, 1.0)
+    floor: FloatArray = np.clip(light[..., None] ** (1.0 / tint), 0.0, 1.0)
     return floor
 
 
-def _compose(background: FloatArray, solid: Layer, glass: list[Layer], scale: float) -> FloatArray:
+def compose(background: FloatArray, solid: Layer, glass: list[Layer], scale: float) -> FloatArray:
     """Solid and glass, pixel by pixel from far to near, on a background."""
     body = shade(solid, scale)
     body *= 1.0 - 0.55 * np.clip(outline(solid, 2.5e-3), 0.0, 1.0)[..., None]
@@ -250,7 +261,7 @@ def _draw_scene(axes: Axes, shot: Shot) -> None:
     tips = shot.scene["tips/points"].reshape(-1, 3)
     shadows = [(points, 0.20), (np.concatenate([links, tips]), 0.11)]
     background = _ground(camera, floor, shadows, middle, 0.125)
-    image = halved(_compose(background, solid, walls, camera.scale), FINE)
+    image = halved(compose(background, solid, walls, camera.scale), FINE)
     axes.imshow(image, extent=(0, SCENE[2], 0, SCENE[3]), interpolation="none", aspect="auto")
     axes.set(xlim=(0, SCENE[2]), ylim=(0, SCENE[3]))
     axes.set_axis_off()
@@ -399,4 +410,4 @@ def save_scene(recording: Recording, out: Path) -> list[Path]:
     return [out / "scene.png"]
 
 
-__all__ = ["save_scene", "scene"]
+__all__ = ["compose", "floor_lines", "pad_colours", "save_scene", "scene", "soft_shadow", "tinted", "view_of"]

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from quasirigid.grasp_columns import contacts_on_object
 from quasirigid.recording import Recording
 from quasirigid.splats import FloatArray
 from quasirigid.summary import creep, phases, pose_in, settled
@@ -53,13 +54,13 @@ def read_shot(recording: Recording) -> Shot | None:
         return None
     step, dt = int(scene["step"]), float(recording.attributes["dt"])
     hold = next(span for span in phases(recording["phase"], recording["time"], dt) if span.first <= step < span.last)
-    poses = recording["bodies/pose"][settled(hold, dt)]
+    steady = settled(hold, dt)
     return Shot(
         scene=scene,
-        contacts=recording.rows("contacts", step),
+        contacts=contacts_on_object(recording, step),
         fingers=recording.labels("hand/force_on_object"),
         forces=recording["hand/force_on_object"][step],
-        drift=creep(pose_in(poses[:, 2], poses[:, 0]), dt)[0],
+        drift=creep(pose_in(recording["hand/pose"][steady], recording["object/pose"][steady]), dt)[0],
         attributes=recording.attributes,
     )
 
@@ -67,10 +68,14 @@ def read_shot(recording: Recording) -> Shot | None:
 def pressure_on(points: FloatArray, shot: Shot, finger: int) -> FloatArray:
     """Pressure (n,) Pa at ``points`` (n, 3) of a pad: that of the contacts around, a Gaussian as wide as they are apart."""
     mine = shot.patch(finger)
-    if not mine.any():
+    return spread(points, *(shot.contacts[name][mine].astype(float) for name in ("point", "pressure", "area")))
+
+
+def spread(points: FloatArray, spots: FloatArray, pressure: FloatArray, area: FloatArray) -> FloatArray:
+    """Pressure (n,) Pa at ``points`` (n, 3) from that of the loaded contacts: where they are (c, 3) m, ``pressure`` (c,) Pa, ``area`` (c,) m^2."""
+    if not len(spots):
         return np.zeros(len(points))
-    spots, pressure = shot.contacts["point"][mine].astype(float), shot.contacts["pressure"][mine].astype(float)
-    apart = float(np.sqrt(shot.contacts["area"][mine].astype(float).mean()))
+    apart = float(np.sqrt(area.mean()))
     h = 0.8 * apart
     distance, nearest = cKDTree(spots).query(points, k=min(12, len(spots)), distance_upper_bound=3 * h)
     distance, nearest = distance.reshape(len(points), -1), nearest.reshape(len(points), -1)
@@ -82,4 +87,4 @@ def pressure_on(points: FloatArray, shot: Shot, finger: int) -> FloatArray:
     return value
 
 
-__all__ = ["Shot", "pressure_on", "read_shot"]
+__all__ = ["Shot", "pressure_on", "read_shot", "spread"]

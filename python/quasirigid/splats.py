@@ -75,6 +75,13 @@ class Layer:
         there: npt.NDArray[np.bool_] = self.depth > NOTHING / 2
         return there
 
+    @staticmethod
+    def nothing(size: tuple[int, int]) -> Layer:
+        """A layer of ``size`` (width, height) px with nothing on it."""
+        shape = (size[1], size[0])
+        empty = [np.zeros((*shape, n), np.float32) for n in (3, 4)]
+        return Layer(np.full(shape, NOTHING, np.float32), *empty)
+
     def over(self, other: Layer) -> Layer:
         """The nearer of two layers, pixel by pixel."""
         nearer = self.depth >= other.depth

@@ -152,7 +152,7 @@ def summarise(columns: Columns, *, dt: float, mass: float, gravity: float, frict
     step_ms = 1e3 * columns["report/step_time"]
     converged = columns["report/converged"].astype(bool)
     residual = columns["report/residual"][converged]
-    relative = pose_in(columns["bodies/pose"][:, 2], columns["bodies/pose"][:, 0])
+    relative = pose_in(columns["hand/pose"], columns["object/pose"])
     steps = len(times)
     stage_ms = np.median(1e3 * columns["report/stage_times"], axis=0).tolist() if steps else []
     summary: dict[str, Any] = {

@@ -54,7 +54,8 @@ def made_up_grasp(*, drift: float = 0.0, spin: float = 0.0, fall: bool = False) 
     return {
         "time": time,
         "phase": codes,
-        "bodies/pose": np.stack([thing, support, hand], axis=1),
+        "object/pose": thing,
+        "hand/pose": hand,
         "hand/force_on_object": force,
         "hand/normal_force": normal,
         "hand/tangential_force": np.abs(force[:, :, 2]),

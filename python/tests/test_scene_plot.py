@@ -78,7 +78,7 @@ def test_stills_say_units_and_frames_and_agree_with_the_columns(run: Path) -> No
     with Recording(run / "recording.h5") as recording:
         stills = recording.stills("scene")
         step = int(stills["step"])
-        np.testing.assert_allclose(stills["hand/pose"], recording["bodies/pose"][step, 2], atol=1e-12)
+        np.testing.assert_allclose(stills["hand/pose"], recording["hand/pose"][step], atol=1e-12)
         assert recording.unit("scene/tips/points") == "m"
         assert recording._file["scene/object/points"].attrs["frame"] == "world"
         phase = recording.labels("phase")[recording["phase"][step]]

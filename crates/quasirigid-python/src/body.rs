@@ -1,13 +1,15 @@
 //! `Body`: a handle to a rigid body of a world.
 
 use crate::conv;
-use crate::errors::OrRaise;
-use crate::world::World;
+use crate::errors::{OrRaise, to_py};
+use crate::material::Material;
+use crate::surface::Surface;
+use crate::world::{World, mass_properties};
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
-use quasirigid::body::{BodyEntry, PoseDrive, RigidBody};
+use quasirigid::body::{BodyEntry, PoseDrive, RigidBody, Skin};
 use quasirigid::math::{Real, Vec3};
-use quasirigid::{BodyHandle, Result};
+use quasirigid::{BodyHandle, Error, Result};
 
 /// A rigid body in a world.
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
@@ -46,6 +48,21 @@ pub fn deformed_normals(entry: &BodyEntry) -> Vec<Vec3> {
     normals
 }
 
+/// The displaced points of a surface: index and place in the frame of its link.
+pub fn moved_points(entry: &BodyEntry) -> (Vec<u32>, Vec<Vec3>) {
+    entry.skin.as_ref().map_or_else(Default::default, Skin::moved_points)
+}
+
+/// The surface at rest, frame of its link.
+pub fn surface(entry: &BodyEntry) -> Option<Surface> {
+    entry.skin.as_ref().map(|skin| Surface { engine: skin.surface.clone() })
+}
+
+/// What the surface is made of.
+pub fn material(entry: &BodyEntry) -> Option<Material> {
+    entry.skin.as_ref().map(|skin| Material { engine: skin.material.clone() })
+}
+
 /// The elastic displacement of every control point, frame of the link.
 pub fn displacements(entry: &BodyEntry) -> Vec<Vec3> {
     entry.skin.as_ref().map_or_else(Vec::new, |skin| skin.displacement.clone())
@@ -66,6 +83,30 @@ impl Body {
     #[getter]
     fn mass(&self, py: Python<'_>) -> PyResult<Real> {
         self.read(py, |body| if body.dof() == 0 { 0.0 } else { body.mass_properties().mass() })
+    }
+
+    #[getter]
+    fn surface(&self, py: Python<'_>) -> PyResult<Option<Surface>> {
+        self.world.get().lock(py).entry(self.handle).map(surface).or_raise(py)
+    }
+
+    #[getter]
+    fn material(&self, py: Python<'_>) -> PyResult<Option<Material>> {
+        self.world.get().lock(py).entry(self.handle).map(material).or_raise(py)
+    }
+
+    #[setter]
+    fn set_material(&self, py: Python<'_>, value: &Material) -> PyResult<()> {
+        self.world.get().lock(py).set_material(self.handle, &value.engine).or_raise(py)
+    }
+
+    fn set_mass(&self, py: Python<'_>, mass: &Bound<'_, PyAny>) -> PyResult<()> {
+        let surface = self.surface(py)?;
+        let surface = surface.ok_or_else(|| {
+            to_py(py, &Error::value("mass", "a body with a surface", "one without", "give MassProperties when it is added"))
+        })?;
+        let mass = mass_properties(Some(mass), &surface.engine, py)?;
+        self.world.get().lock(py).set_mass(self.handle, mass).or_raise(py)
     }
 
     #[getter]
@@ -154,6 +195,11 @@ impl Body {
     fn deformed_points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
         let points = self.world.get().lock(py).entry(self.handle).map(deformed_points).or_raise(py)?;
         conv::from_points(py, points)
+    }
+
+    fn moved_points<'py>(&self, py: Python<'py>) -> PyResult<conv::Numbered<'py>> {
+        let moved = self.world.get().lock(py).entry(self.handle).map(moved_points).or_raise(py)?;
+        conv::from_numbered(py, moved)
     }
 
     fn displacements<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {

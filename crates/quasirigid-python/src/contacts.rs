@@ -3,6 +3,7 @@
 use crate::conv;
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
+use quasirigid::collision::Contact;
 use quasirigid::gauss_seidel::Delassus;
 use quasirigid::math::{Mat3, Real, Vec3};
 
@@ -32,6 +33,7 @@ pub struct Contacts {
     reactions: Vec<Vec3>,
     areas: Vec<Real>,
     friction: Vec<Real>,
+    friction_ratio: Vec<Real>,
     status: Vec<u8>,
     body_a: Vec<u32>,
     body_b: Vec<u32>,
@@ -46,11 +48,12 @@ impl Contacts {
         let gap = |i: usize| problem.delta_free[i].x + problem.w.displacement(i).x;
         Self {
             points: contacts.iter().map(|c| c.point).collect(),
-            frames: contacts.iter().map(|c| c.frame).collect(),
+            frames: contacts.iter().map(Contact::unit_frame).collect(),
             gaps: (0..problem.len()).map(gap).collect(),
-            reactions: problem.reactions.clone(),
+            reactions: contacts.iter().zip(&problem.reactions).map(|(c, f)| Vec3::new(f.x, f.y, f.z * c.stretch())).collect(),
             areas: contacts.iter().map(|c| c.area).collect(),
             friction: problem.mu.clone(),
+            friction_ratio: contacts.iter().map(Contact::stretch).collect(),
             status: problem.status.iter().map(|&s| s as u8).collect(),
             body_a: contacts.iter().map(|c| c.body_a).collect(),
             body_b: contacts.iter().map(|c| c.body_b).collect(),
@@ -104,6 +107,11 @@ impl Contacts {
     #[getter]
     fn friction<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
         conv::from_vec(py, self.friction.clone())
+    }
+
+    #[getter]
+    fn friction_ratio<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
+        conv::from_vec(py, self.friction_ratio.clone())
     }
 
     #[getter]

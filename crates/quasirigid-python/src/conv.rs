@@ -55,6 +55,15 @@ pub fn vector(value: &Bound<'_, PyAny>, what: &str) -> PyResult<Vec<Real>> {
     if shape.len() == 1 { Ok(x) } else { Err(wrong_shape(value.py(), what, "(n,)", &shape)) }
 }
 
+/// `(n, m)` for whatever n and m.
+pub fn matrix(value: &Bound<'_, PyAny>, what: &str) -> PyResult<na::DMatrix<Real>> {
+    let (x, shape) = numbers(value, what, "(n, m)")?;
+    match shape[..] {
+        [rows, columns] => Ok(na::DMatrix::from_row_slice(rows, columns, &x)),
+        _ => Err(wrong_shape(value.py(), what, "(n, m)", &shape)),
+    }
+}
+
 /// `(rows, columns)`, C order.
 pub fn table(value: &Bound<'_, PyAny>, what: &str, rows: usize, columns: usize) -> PyResult<Vec<Real>> {
     let expected = format!("({rows}, {columns})");
@@ -107,6 +116,14 @@ pub fn from_vec<T: Element>(py: Python<'_>, values: Vec<T>) -> Bound<'_, PyArray
 /// `(n, 3)`.
 pub fn from_points<'py>(py: Python<'py>, points: impl IntoIterator<Item = Vec3>) -> PyResult<Bound<'py, PyArray2<Real>>> {
     rows(py, points.into_iter().flat_map(|p| [p.x, p.y, p.z]).collect(), 3)
+}
+
+/// Indices `(n,)` and points `(n, 3)`.
+pub type Numbered<'py> = (Bound<'py, PyArray1<u32>>, Bound<'py, PyArray2<Real>>);
+
+/// Points that are some of a list: their places in it, and where they are.
+pub fn from_numbered(py: Python<'_>, (indices, points): (Vec<u32>, Vec<Vec3>)) -> PyResult<Numbered<'_>> {
+    Ok((from_vec(py, indices), from_points(py, points)?))
 }
 
 /// `(n, columns)` from numbers in C order.

@@ -13,6 +13,11 @@ pub fn to_py(py: Python<'_>, error: &Error) -> PyErr {
         Error::InvalidHandle { what, expected, got, hint } => ("InvalidHandleError", what, expected, got, hint),
         other => return pyo3::exceptions::PyRuntimeError::new_err(other.to_string()),
     };
+    make(py, class, [what, expected, got, hint])
+}
+
+/// An exception of `quasirigid.errors` from its class and (what, expected, got, hint).
+pub fn make(py: Python<'_>, class: &str, [what, expected, got, hint]: [&str; 4]) -> PyErr {
     let made = py.import("quasirigid.errors").and_then(|m| m.getattr(class)).and_then(|c| c.call1((what, expected, got, hint)));
     match made {
         Ok(exception) => PyErr::from_value(exception),

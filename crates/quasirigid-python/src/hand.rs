@@ -1,9 +1,11 @@
 //! `Hand`: a handle to a hand of a world.
 
-use crate::body::{deformed_normals, deformed_points, displacements};
+use crate::body::{deformed_normals, deformed_points, displacements, material, moved_points, surface};
 use crate::conv;
 use crate::errors::{OrRaise, to_py};
 use crate::grip::Grip;
+use crate::material::Material;
+use crate::surface::Surface;
 use crate::world::World;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
@@ -199,6 +201,27 @@ impl Hand {
     fn deformed_normals<'py>(&self, py: Python<'py>, finger: i64) -> PyResult<Bound<'py, PyArray2<Real>>> {
         let normals = self.entry(py, finger, deformed_normals)?;
         conv::from_points(py, normals)
+    }
+
+    fn moved_points<'py>(&self, py: Python<'py>, finger: i64) -> PyResult<conv::Numbered<'py>> {
+        let moved = self.entry(py, finger, moved_points)?;
+        conv::from_numbered(py, moved)
+    }
+
+    fn surface(&self, py: Python<'_>, finger: i64) -> PyResult<Option<Surface>> {
+        self.entry(py, finger, surface)
+    }
+
+    #[getter]
+    fn material(&self, py: Python<'_>) -> PyResult<Option<Material>> {
+        self.entry(py, 0, material)
+    }
+
+    #[setter]
+    fn set_material(&self, py: Python<'_>, value: &Material) -> PyResult<()> {
+        let fingers = self.read(py, |_, hand| Ok(hand.fingers.clone()))?;
+        let mut world = self.world.get().lock(py);
+        fingers.into_iter().try_for_each(|finger| world.set_material(finger, &value.engine)).or_raise(py)
     }
 
     fn displacements<'py>(&self, py: Python<'py>, finger: i64) -> PyResult<Bound<'py, PyArray2<Real>>> {

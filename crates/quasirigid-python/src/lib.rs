@@ -3,14 +3,19 @@
 //! Docstrings live in `python/quasirigid/_quasirigid.pyi`, where editors and type checkers read them.
 
 mod body;
+mod compliance_matrix;
 mod contacts;
 mod conv;
 mod errors;
+mod friction;
 mod grip;
 mod hand;
 mod hand_model;
 mod mass_properties;
 mod material;
+mod mocap;
+mod mocap_hand;
+mod mocap_take;
 mod report;
 mod solver;
 mod surface;
@@ -24,7 +29,11 @@ mod _quasirigid {
     #[pymodule_export]
     use crate::body::Body;
     #[pymodule_export]
+    use crate::compliance_matrix::ComplianceMatrix;
+    #[pymodule_export]
     use crate::contacts::{ContactStatus, Contacts};
+    #[pymodule_export]
+    use crate::friction::Friction;
     #[pymodule_export]
     use crate::grip::Grip;
     #[pymodule_export]
@@ -35,6 +44,12 @@ mod _quasirigid {
     use crate::mass_properties::MassProperties;
     #[pymodule_export]
     use crate::material::Material;
+    #[pymodule_export]
+    use crate::mocap::{Packet, Receiver};
+    #[pymodule_export]
+    use crate::mocap_hand::{Calibration, HandDecoder, HandFrame, HandTargets, HandTracker};
+    #[pymodule_export]
+    use crate::mocap_take::{Replay, Take, TakeWriter};
     #[pymodule_export]
     use crate::report::StepReport;
     #[pymodule_export]

@@ -1,6 +1,8 @@
 //! `Material`.
 
+use crate::compliance_matrix::ComplianceMatrix;
 use crate::errors::{OrRaise, to_py};
+use crate::friction::Friction;
 use pyo3::prelude::*;
 use quasirigid::Error;
 use quasirigid::body::ComplianceModel;
@@ -10,6 +12,23 @@ use quasirigid::math::Real;
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct Material {
     pub(crate) engine: quasirigid::body::Material,
+}
+
+/// A model by its name, or a matrix, checked if it is not yet.
+fn model(value: &Bound<'_, PyAny>, material: &quasirigid::body::Material) -> PyResult<ComplianceModel> {
+    let py = value.py();
+    if let Ok(given) = value.cast::<ComplianceMatrix>() {
+        return Ok(ComplianceModel::Matrix(given.get().engine.clone()));
+    }
+    match value.extract::<&str>() {
+        Ok("local") => material.local().or_raise(py),
+        Ok("half-space") => Ok(ComplianceModel::HalfSpace),
+        Ok(other) => {
+            let hint = "choose one of them, or give a matrix";
+            Err(to_py(py, &Error::unknown("compliance", "\"local\" or \"half-space\"", format!("{other:?}"), hint)))
+        }
+        Err(_) => Ok(ComplianceModel::Matrix(ComplianceMatrix::new(py, value)?.engine)),
+    }
 }
 
 #[pymethods]
@@ -32,32 +51,28 @@ impl Material {
         py: Python<'_>,
         name: Option<String>,
         density: Option<Real>,
-        friction: Option<Real>,
+        friction: Option<&Bound<'_, PyAny>>,
         young_modulus: Option<Real>,
         poisson_ratio: Option<Real>,
         layer_thickness: Option<Real>,
         relaxation_time: Option<Real>,
-        compliance: Option<&str>,
+        compliance: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let old = &self.engine;
         let mut new = quasirigid::body::Material { name: name.unwrap_or_else(|| old.name.clone()), ..old.clone() };
         new = new.with_density(density.unwrap_or(old.density)).or_raise(py)?;
-        new = new.with_friction(friction.unwrap_or(old.friction)).or_raise(py)?;
+        let friction = friction.map_or(Ok(old.friction), crate::friction::friction)?;
+        new = new.with_friction(friction).or_raise(py)?;
         new = new.with_relaxation_time(relaxation_time.unwrap_or(old.relaxation_time)).or_raise(py)?;
         if young_modulus.is_some() || poisson_ratio.is_some() || layer_thickness.is_some() {
             let (e, nu) = (young_modulus.unwrap_or(old.young_modulus), poisson_ratio.unwrap_or(old.poisson_ratio));
             new = new.with_elasticity(e, nu, layer_thickness.unwrap_or(old.layer_thickness)).or_raise(py)?;
         }
-        let model = match compliance {
-            None => new.model,
-            Some("local") => new.local().or_raise(py)?,
-            Some("half-space") => ComplianceModel::HalfSpace,
-            Some(other) => {
-                let error = Error::unknown("compliance", "\"local\" or \"half-space\"", format!("{other:?}"), "choose one of them");
-                return Err(to_py(py, &error));
-            }
-        };
-        Ok(Self { engine: new.with_model(model).or_raise(py)? })
+        if let Some(compliance) = compliance {
+            let model = model(compliance, &new)?;
+            new = new.with_model(model).or_raise(py)?;
+        }
+        Ok(Self { engine: new })
     }
 
     #[getter]
@@ -72,7 +87,12 @@ impl Material {
 
     #[getter]
     fn friction(&self) -> Real {
-        self.engine.friction
+        self.engine.friction.static_coefficient
+    }
+
+    #[getter]
+    fn friction_law(&self) -> Friction {
+        Friction { engine: self.engine.friction }
     }
 
     #[getter]
@@ -97,10 +117,22 @@ impl Material {
 
     #[getter]
     fn compliance(&self) -> &'static str {
-        if self.engine.model == ComplianceModel::HalfSpace { "half-space" } else { "local" }
+        match self.engine.model {
+            ComplianceModel::Local { .. } => "local",
+            ComplianceModel::HalfSpace => "half-space",
+            ComplianceModel::Matrix(_) => "matrix",
+        }
+    }
+
+    #[getter]
+    fn compliance_matrix(&self) -> Option<ComplianceMatrix> {
+        match &self.engine.model {
+            ComplianceModel::Matrix(engine) => Some(ComplianceMatrix { engine: engine.clone() }),
+            _ => None,
+        }
     }
 
     fn __repr__(&self) -> String {
-        format!("Material({:?}, friction={}, compliance={:?})", self.engine.name, self.engine.friction, self.compliance())
+        format!("Material({:?}, friction={}, compliance={:?})", self.engine.name, self.friction(), self.compliance())
     }
 }

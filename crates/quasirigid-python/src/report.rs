@@ -96,6 +96,7 @@ pub fn stop_name(stop: Stop) -> &'static str {
         Stop::Converged => "converged",
         Stop::SweepCap => "sweep-cap",
         Stop::TimeBudget => "time-budget",
+        Stop::Interrupted => "interrupted",
         Stop::NonFinite => "non-finite",
     }
 }

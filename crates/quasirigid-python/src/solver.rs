@@ -6,8 +6,9 @@ use crate::report::stop_name;
 use numpy::{AllowTypeChange, PyArray1, PyArrayLike1, PyArrayLike2, PyArrayLike3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use quasirigid::Error;
-use quasirigid::gauss_seidel::{ContactSystem, SolverParameters, SystemSolution, solve_system};
+use quasirigid::gauss_seidel::{ContactSystem, SolverParameters, SystemSolution, solve_system_until};
 use quasirigid::math::{Mat3, Real, Vec3};
+use std::cell::{Cell, RefCell};
 use std::time::{Duration, Instant};
 
 /// Reactions and velocities of a contact problem, and how good they are.
@@ -126,6 +127,36 @@ fn block_system(rows: &BlockRows<'_>, q: &[Real], mu: &[Real]) -> PyResult<Conta
 type BlockRows<'py> =
     (PyArrayLike1<'py, i64, AllowTypeChange>, PyArrayLike1<'py, i64, AllowTypeChange>, PyArrayLike3<'py, Real, AllowTypeChange>);
 
+/// How long a Ctrl-C may go unseen.
+const SIGNALS_EVERY: Duration = Duration::from_millis(20);
+
+/// Looks for signals while the solver runs without the GIL.
+struct Signals {
+    seen: Cell<Instant>,
+    error: RefCell<Option<PyErr>>,
+}
+
+impl Signals {
+    fn new(start: Instant) -> Self {
+        Self { seen: Cell::new(start), error: RefCell::new(None) }
+    }
+
+    /// Whether Python wants the call to end, by an exception of a signal handler.
+    fn arrived(&self) -> bool {
+        if self.error.borrow().is_some() {
+            return true;
+        }
+        if self.seen.get().elapsed() < SIGNALS_EVERY {
+            return false;
+        }
+        let error = Python::attach(|py| py.check_signals()).err();
+        self.seen.set(Instant::now());
+        let arrived = error.is_some();
+        self.error.replace(error);
+        arrived
+    }
+}
+
 /// Solves; `w` is either a dense matrix or the triple of [`BlockRows`].
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // of solve_contacts, which has keywords
@@ -162,7 +193,17 @@ pub fn _solve_contacts(
         Ok(rows) => block_system(&rows, &q, &mu)?,
         Err(_) => dense_system(w, &q, &mu)?,
     };
-    let solution = py.detach(|| solve_system(&system, &parameters, warm_start.as_deref())).or_raise(py)?;
+    // Reading a large W takes time too.
+    parameters.time_budget = parameters.time_budget.map(|budget| budget.saturating_sub(start.elapsed()));
+    let (solution, interrupt) = py.detach(|| {
+        let signals = Signals::new(start);
+        let solution = solve_system_until(&system, &parameters, warm_start.as_deref(), Some(&|| signals.arrived()));
+        (solution, signals.error.into_inner())
+    });
+    if let Some(error) = interrupt {
+        return Err(error);
+    }
+    let solution = solution.or_raise(py)?;
     Ok(ContactSolution { solution, asymmetry: system.asymmetry(), time: start.elapsed() })
 }
 
@@ -170,7 +211,8 @@ pub fn _solve_contacts(
 pub fn contact_problem<'py>(py: Python<'py>, world: &quasirigid::World, sparse: bool) -> PyResult<Bound<'py, PyAny>> {
     let problem = world.contact_problem();
     let w = problem.assembled().or_raise(py)?;
-    let (q, reactions) = (flat(py, &problem.delta_free), flat(py, &problem.reactions));
+    let (q, reactions) = problem.coulomb_part();
+    let (q, reactions) = (flat(py, &q), flat(py, &reactions));
     let mu = conv::from_vec(py, problem.mu.clone());
     let module = py.import("quasirigid.solver")?;
     let matrix = if sparse {

@@ -108,6 +108,11 @@ impl Surface {
     }
 
     #[getter]
+    fn control_normals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        conv::from_points(py, self.engine.control.normals.iter().copied())
+    }
+
+    #[getter]
     fn control_areas<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
         conv::from_vec(py, self.engine.control.areas.clone())
     }

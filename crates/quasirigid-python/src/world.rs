@@ -52,7 +52,11 @@ fn optional_pose(position: Option<&Bound<'_, PyAny>>, quaternion: Option<&Bound<
 }
 
 /// Mass properties given as such, or as a number with the inertia of the bounding box.
-fn mass_properties(mass: Option<&Bound<'_, PyAny>>, surface: &Surface, py: Python<'_>) -> PyResult<quasirigid::body::MassProperties> {
+pub fn mass_properties(
+    mass: Option<&Bound<'_, PyAny>>,
+    surface: &quasirigid::surface::Surface,
+    py: Python<'_>,
+) -> PyResult<quasirigid::body::MassProperties> {
     let Some(mass) = mass else {
         let hint = "give mass=MassProperties... or a number, or motion=\"fixed\"";
         return Err(to_py(py, &Error::value("mass", "the mass of a body that is free to move", "none", hint)));
@@ -63,7 +67,7 @@ fn mass_properties(mass: Option<&Bound<'_, PyAny>>, surface: &Surface, py: Pytho
     let kg: Real = mass.extract().map_err(|_| {
         to_py(py, &Error::value("mass", "MassProperties or a number (kg)", mass.get_type(), "see MassProperties.box and its siblings"))
     })?;
-    let points = &surface.engine.points;
+    let points = &surface.points;
     let (low, high) = points.iter().fold((points[0], points[0]), |(low, high), p| (low.inf(p), high.sup(p)));
     let cuboid = quasirigid::body::MassProperties::cuboid(high - low, Amount::Mass(kg)).or_raise(py)?;
     cuboid.transformed(&Pose::from_parts(((low + high) * 0.5).into(), Rot::identity())).or_raise(py)
@@ -74,7 +78,8 @@ impl World {
     #[new]
     #[allow(clippy::too_many_arguments)] // keyword arguments
     #[pyo3(signature = (dt = 1e-3, gravity = None, *, threads = 1, tolerance = 1e-8, max_sweeps = 1000, time_budget = None,
-                        traversal_budget = None, contact_margin = None, collision_every = 1))]
+                        traversal_budget = None, contact_margin = None, collision_every = 1, push_out_speed = None,
+                        friction_rule = "geometric-mean"))]
     fn new(
         py: Python<'_>,
         dt: Real,
@@ -86,8 +91,10 @@ impl World {
         traversal_budget: Option<i64>,
         contact_margin: Option<Real>,
         collision_every: i64,
+        push_out_speed: Option<Real>,
+        friction_rule: &str,
     ) -> PyResult<Self> {
-        let mut params = Parameters { dt, ..Parameters::default() };
+        let mut params = Parameters { dt, friction_rule: crate::friction::rule(py, friction_rule)?, ..Parameters::default() };
         if let Some(gravity) = gravity {
             params.gravity = conv::vec3(gravity, "gravity")?;
         }
@@ -104,6 +111,9 @@ impl World {
         if let Some(margin) = contact_margin {
             params.contact_margin = margin;
         }
+        if let Some(speed) = push_out_speed {
+            params.push_out_speed = speed;
+        }
         params.collision_every = conv::count(py, "collision_every", collision_every)?.try_into().unwrap_or(u32::MAX);
         Ok(Self { engine: Mutex::new(quasirigid::World::new(params).or_raise(py)?) })
     }
@@ -117,6 +127,29 @@ impl World {
     fn gravity<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
         let gravity = self.lock(py).parameters().gravity;
         conv::from_vec3(py, &gravity)
+    }
+
+    #[setter]
+    fn set_gravity(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
+        let gravity = conv::vec3(value, "gravity")?;
+        self.lock(value.py()).set_gravity(gravity).or_raise(value.py())
+    }
+
+    #[getter]
+    fn bodies(this: &Bound<'_, Self>) -> Vec<Body> {
+        let handles = this.get().lock(this.py()).rigid_bodies();
+        handles.into_iter().map(|handle| Body { world: this.clone().unbind(), handle }).collect()
+    }
+
+    #[getter]
+    fn hands(this: &Bound<'_, Self>) -> Vec<Hand> {
+        let handles = this.get().lock(this.py()).hand_handles();
+        handles.into_iter().map(|handle| Hand { world: this.clone().unbind(), handle }).collect()
+    }
+
+    #[getter]
+    fn friction_rule(&self, py: Python<'_>) -> &'static str {
+        crate::friction::rule_name(self.lock(py).parameters().friction_rule)
     }
 
     #[getter]
@@ -146,7 +179,7 @@ impl World {
         let pose = optional_pose(position, quaternion)?;
         let name = name.unwrap_or_else(|| "body".into());
         let mut body = match self::motion(py, motion, "\"inertial\", \"quasi-static\" or \"fixed\"")? {
-            Some(motion) => RigidBody::free(name, mass_properties(mass, surface, py)?, motion, pose),
+            Some(motion) => RigidBody::free(name, mass_properties(mass, &surface.engine, py)?, motion, pose),
             None => RigidBody::fixed(name, pose),
         }
         .or_raise(py)?;
@@ -221,6 +254,24 @@ impl World {
                 return Ok(report);
             }
         }
+    }
+
+    fn set_friction(
+        this: &Bound<'_, Self>,
+        a: &Bound<'_, PyAny>,
+        b: &Bound<'_, PyAny>,
+        friction: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        let py = a.py();
+        let friction = friction.map(crate::friction::friction).transpose()?;
+        let mut engine = this.get().lock(py);
+        let (a, b) = (crate::friction::sides(this, &engine, a)?, crate::friction::sides(this, &engine, b)?);
+        for a in &a {
+            for b in &b {
+                engine.set_friction(a.clone(), b.clone(), friction).or_raise(py)?;
+            }
+        }
+        Ok(())
     }
 
     fn contacts(&self, py: Python<'_>) -> Contacts {

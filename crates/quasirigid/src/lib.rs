@@ -21,6 +21,8 @@ pub mod scenes;
 pub mod surface;
 pub mod workspace;
 pub mod world;
+mod world_edit;
+mod world_friction;
 
 mod step;
 
@@ -28,3 +30,4 @@ pub use error::{Error, Result};
 pub use params::Parameters;
 pub use report::StepReport;
 pub use world::{BodyHandle, HandHandle, World};
+pub use world_friction::FrictionSide;

@@ -1,5 +1,6 @@
 //! Every tolerance and limit of the engine: unit, default, and what changes when it is touched.
 
+use crate::body::FrictionRule;
 use crate::error::{Error, Result, check_finite, check_non_negative, check_positive};
 use crate::gauss_seidel::SolverParameters;
 use crate::math::{Real, Vec3};
@@ -18,8 +19,13 @@ pub struct Parameters {
     /// `delta_c` of the paper: contacts up to this gap enter the problem, m. Default 2e-4. Too small and a neighbour that is pushed into
     /// contact during the solve is missed for one step; too large and the solver drags contacts that stay open.
     pub contact_margin: Real,
-    /// Sphere tests that collision may spend in a step. Default: no limit worth the name (10 million). When it is spent the traversal stops at the level it has
-    /// reached and the report says `coarse`: patches are then made of fewer, larger contacts.
+    /// Speed at which an overlap that a step finds at its start is pushed apart, m/s. Default 0.02. Surfaces that touch do not overlap, however hard they press: this is
+    /// for bodies that were put into each other. The gap that the solver sees is cut at this speed times `dt`, so that what is pushed out leaves at about this speed
+    /// instead of overlap over `dt`. Lower is gentler and takes longer; infinity removes any overlap in one step, and throws apart what was in it.
+    pub push_out_speed: Real,
+    /// Sphere tests that collision may spend in a step, shared evenly by the pairs of bodies that are near each other; each gets at least 2,000 (some 15 µs), since with
+    /// less too few contacts are left to hold anything. Default: no limit. When it is spent the traversal stops and the report says `coarse`: patches are then
+    /// made of fewer, larger contacts. They hold as hard, but not as still: which points stand for a patch may change as the bodies move.
     pub traversal_budget: usize,
     /// Sphere tests are done with this much more margin, m, and their result is kept until the two bodies have moved by it. Default 2e-4. Larger means
     /// fewer traversals and more control points to look at in each step.
@@ -44,6 +50,9 @@ pub struct Parameters {
     /// thousandth of what the other does, and following it costs as much again. Default 1000, as wood is to a fingertip; infinity never does so. Holds for pairs that
     /// meet after it was set.
     pub rigid_beyond: Real,
+    /// How the friction coefficients of two materials make that of their pair. Default: the geometric mean. Pairs in the friction table
+    /// ([`crate::World::set_friction`]) do not ask it.
+    pub friction_rule: FrictionRule,
     /// Threads. Default 1. The result is the same bits for any number.
     pub threads: usize,
     /// When the solver stops.
@@ -56,7 +65,8 @@ impl Default for Parameters {
             dt: 1e-3,
             gravity: Vec3::new(0.0, 0.0, -9.81),
             contact_margin: 2e-4,
-            traversal_budget: 10_000_000,
+            push_out_speed: 0.02,
+            traversal_budget: usize::MAX,
             traversal_slack: 2e-4,
             projection_tolerance: 1e-10,
             projection_slack: 1e-6,
@@ -64,6 +74,7 @@ impl Default for Parameters {
             refit_level: 6,
             deformation_threshold: 1e-7,
             rigid_beyond: 1e3,
+            friction_rule: FrictionRule::default(),
             threads: 1,
             solver: SolverParameters::default(),
         }
@@ -77,6 +88,9 @@ impl Parameters {
         check_positive("dt", self.dt, "s")?;
         check_finite("gravity", self.gravity.iter())?;
         check_non_negative("contact_margin", self.contact_margin, "m")?;
+        if self.push_out_speed.is_nan() || self.push_out_speed <= 0.0 {
+            return Err(Error::value("push_out_speed", "> 0 m/s, or infinity", self.push_out_speed, "0.02 is the default"));
+        }
         check_non_negative("traversal_slack", self.traversal_slack, "m")?;
         check_non_negative("projection_slack", self.projection_slack, "m")?;
         if self.collision_every == 0 {

@@ -25,7 +25,7 @@ impl World {
     }
 
     fn step_here(&mut self) -> StepReport {
-        let Self { params, bodies, pairs, workspace: ws, .. } = self;
+        let Self { params, bodies, pairs, friction, workspace: ws, .. } = self;
         let context = StepContext { dt: params.dt, gravity: params.gravity };
         let mut times = StageTimes::default();
         let mut clock = Instant::now();
@@ -33,7 +33,7 @@ impl World {
         free_motions(bodies, &context, &mut ws.free);
         times.free_motion = lap(&mut clock);
 
-        collision(&mut ws.collision, bodies, &ws.free, pairs, params, self.steps);
+        collision(&mut ws.collision, bodies, &ws.free, pairs, friction, params, self.steps);
         times.collision = lap(&mut clock);
 
         contact_problem(&mut ws.problem, &mut ws.collision.contacts, pairs, bodies, &ws.free, params.dt);
@@ -51,7 +51,7 @@ impl World {
         );
         times.gauss_seidel = lap(&mut clock);
 
-        constrained_motion(&mut ws.motion, bodies, pairs, &ws.collision.contacts, &ws.problem.reactions, &ws.free, &context, params);
+        constrained_motion(&mut ws.motion, bodies, pairs, &ws.collision.contacts, &ws.problem, &ws.free, &context, params);
         times.constrained_motion = lap(&mut clock);
 
         times.traverse = ws.collision.traverse_time;

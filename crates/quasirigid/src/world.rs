@@ -1,6 +1,7 @@
 //! The state of a simulation: bodies, hands, what pairs remember, parameters.
 
-use crate::body::{Body, BodyEntry, Finger, HandModel, Material, Motion, RigidBody, Skin};
+use crate::body::friction_table::FrictionTable;
+use crate::body::{Body, BodyEntry, ComplianceModel, Finger, HandModel, Material, Motion, RigidBody, Skin};
 use crate::collision::{Contact, Pair};
 use crate::contact_problem::ContactProblem;
 use crate::error::{Error, Result};
@@ -21,6 +22,12 @@ pub struct BodyHandle {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct HandHandle {
     index: u32,
+}
+
+impl HandHandle {
+    pub(crate) fn of(index: usize) -> Self {
+        Self { index: index as u32 }
+    }
 }
 
 /// A hand: fingers on a common base.
@@ -47,6 +54,7 @@ pub struct World {
     pub(crate) params: Parameters,
     pub(crate) bodies: Vec<BodyEntry>,
     pub(crate) pairs: Vec<Pair>,
+    pub(crate) friction: FrictionTable,
     pub(crate) hands: Vec<Option<Hand>>,
     pub(crate) workspace: Workspace,
     pub(crate) steps: u64,
@@ -68,6 +76,7 @@ impl World {
             params,
             bodies: Vec::new(),
             pairs: Vec::new(),
+            friction: FrictionTable::default(),
             hands: Vec::new(),
             workspace: Workspace::default(),
             steps: 0,
@@ -95,7 +104,11 @@ impl World {
         if params.dt != self.params.dt {
             (self.start_time, self.start_steps) = (self.time(), self.steps);
         }
+        let same_rule = params.friction_rule == self.params.friction_rule;
         self.params = params;
+        if !same_rule {
+            self.renew_friction();
+        }
         Ok(())
     }
 
@@ -112,12 +125,9 @@ impl World {
     /// Adds a rigid body, with a surface if it is to touch anything.
     ///
     /// # Errors
-    /// [`Error::InvalidValue`] for a material whose fields were changed to what [`Material::check`] refuses.
+    /// What [`Material::check_for`] refuses: a field out of range, a compliance matrix for other control points.
     pub fn add_body(&mut self, body: RigidBody, skin: Option<(Arc<Surface>, Material)>) -> Result<BodyHandle> {
-        if let Some((_, material)) = &skin {
-            material.check()?;
-        }
-        let skin = skin.map(|(surface, material)| Skin::new(surface, material));
+        let skin = skin.map(|(surface, material)| Skin::new(surface, material)).transpose()?;
         Ok(self.add_entry(BodyEntry { body: Body::Rigid(body), skin, skin_link: 0, hand: None, quarantined: false }))
     }
 
@@ -136,12 +146,20 @@ impl World {
     ) -> Result<HandHandle> {
         check_pose("base pose", &base)?;
         material.check()?;
+        if matches!(material.model, ComplianceModel::Matrix(_)) {
+            return Err(Error::value(
+                "material of a hand",
+                "local or half-space compliance",
+                "a compliance matrix",
+                "a matrix is for one surface, a hand has a pad on every finger: add pads as bodies of their own",
+            ));
+        }
         let handle = HandHandle { index: self.hands.len() as u32 };
         let mut fingers = Vec::with_capacity(model.fingers().len());
         for (finger, tip) in model.instantiate(base, motion)?.into_iter().zip(model.tips()) {
             let link = finger.model().dof() - 1;
             let pad = Arc::new(Surface::build(surface.clone().transformed(&tip.pose)?, control_points)?);
-            let skin = Some(Skin::new(pad, material.clone()));
+            let skin = Some(Skin::new(pad, material.clone())?);
             let entry = BodyEntry { body: Body::Finger(finger), skin, skin_link: link, hand: Some(handle.index), quarantined: false };
             fingers.push(self.add_entry(entry));
         }
@@ -313,13 +331,15 @@ impl World {
         Ok(forces.sum())
     }
 
-    /// A number that is the same for two worlds exactly when all their poses, velocities, joints and elastic displacements are the same bits.
+    /// A number that is the same for two worlds exactly when all their poses, velocities, joints and elastic displacements are the same bits, and the slip speeds
+    /// where friction falls with them.
     pub fn state_hash(&self) -> u64 {
         let mut hash = Fnv(0xcbf2_9ce4_8422_2325);
         for entry in &self.bodies {
             entry.body.state().for_each_number(|x| hash.add(x));
         }
         for pair in &self.pairs {
+            pair.slip_speed.iter().for_each(|&v| hash.add(v));
             for side in [&pair.side_a, &pair.side_b, &pair.beyond] {
                 for &c in &side.active {
                     side.displacement[c as usize].iter().for_each(|&x| hash.add(x));
@@ -346,6 +366,7 @@ impl World {
         (slot.dense, slot.generation) = (None, slot.generation + 1);
         self.bodies.remove(gone as usize);
         self.slots.iter_mut().filter_map(|slot| slot.dense.as_mut()).filter(|dense| **dense > gone).for_each(|dense| *dense -= 1);
+        self.friction.remove_body(gone);
         self.pairs.retain(|pair| pair.a != gone && pair.b != gone);
         for pair in &mut self.pairs {
             pair.a -= u32::from(pair.a > gone);

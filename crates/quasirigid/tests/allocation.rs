@@ -2,9 +2,9 @@
 
 #![allow(unsafe_code)] // a global allocator cannot be written without
 
-use quasirigid::body::PoseDrive;
+use quasirigid::body::{Friction, PoseDrive};
 use quasirigid::gauss_seidel::ContactStatus;
-use quasirigid::math::Pose;
+use quasirigid::math::{Pose, Vec3};
 use quasirigid::scenes::{GraspOptions, GraspScene};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -80,7 +80,19 @@ fn a_held_grasp_steps_without_allocating() {
 
 #[test]
 fn a_sliding_grasp_steps_without_allocating() {
-    let mut scene = held(&options());
+    slide(&options());
+}
+
+#[test]
+fn friction_beyond_coulomb_allocates_nothing_either() {
+    let friction = Friction::coulomb(0.8).and_then(|f| f.with_kinetic(0.7, 1e-3)).and_then(|f| f.with_viscous(1e3)).unwrap();
+    let mut options = options();
+    options.object_material = options.object_material.with_friction(friction.with_grain(Vec3::z(), 0.9).unwrap()).unwrap();
+    slide(&options);
+}
+
+fn slide(options: &GraspOptions) {
+    let mut scene = held(options);
     // Pulled up and down between the fingers by a stiff spring: it slides one way, sticks, and slides the other.
     let rest = *scene.world.body(scene.object).unwrap().pose();
     let pull = |scene: &mut GraspScene, k: usize| {

@@ -380,7 +380,7 @@ fn scenes_and_controllers() {
 #[test]
 fn a_spoilt_material_does_not_enter_a_world() {
     let mut spoilt = Material::preset("wood").unwrap();
-    spoilt.friction = NAN;
+    spoilt.friction = NAN.into();
     let mut world = World::new(Parameters::default()).unwrap();
     let pad = shapes::sample_fingertip(Vec3::new(0.012, 0.0085, 0.007), 200).unwrap();
     let hand = HandModel::three_finger().unwrap();

@@ -36,7 +36,7 @@ fn contact_torque_on(world: &World, body: BodyHandle, center: &Vec3) -> Vec3 {
 #[test]
 fn contact_forces_carry_the_weight_of_a_held_box() {
     for model in [None, Some(ComplianceModel::HalfSpace)] {
-        let mut pinch = pinch(model);
+        let mut pinch = pinch(model.clone());
         pinch.run(6.0);
         let report = pinch.world.step();
         let weight = 0.2 * 9.81;
@@ -150,8 +150,8 @@ fn contact_torques_of_a_finger_are_those_of_its_contact_forces() {
 fn assembled_operator_is_the_matrix_free_one_symmetric_and_positive() {
     for model in [None, Some(ComplianceModel::HalfSpace)] {
         let mut options = GraspOptions { object_points: (3_000, 400), pad_points: (600, 80), ..GraspOptions::default() };
-        if let Some(model) = model {
-            options.pad_material = options.pad_material.with_model(model).unwrap();
+        if let Some(model) = model.clone() {
+            options.pad_material = options.pad_material.with_model(model.clone()).unwrap();
             options.object_material = options.object_material.with_model(model).unwrap();
         }
         let mut scene = GraspScene::new(&options).unwrap();
@@ -246,8 +246,8 @@ fn foretold_against_done(model: ComplianceModel, dt: Real) -> (Real, Real, Real)
 fn contact_problem_foretells_gap_and_slip_to_second_order() {
     let pulp = Material::preset("fingertip_pulp").unwrap();
     for model in [pulp.local().unwrap(), ComplianceModel::HalfSpace] {
-        let coarse = foretold_against_done(model, 2e-3);
-        let fine = foretold_against_done(model, 1e-3);
+        let coarse = foretold_against_done(model.clone(), 2e-3);
+        let fine = foretold_against_done(model.clone(), 1e-3);
         println!(
             "{model:?}: gap {:.1e} -> {:.1e} m, slip {:.1e} -> {:.1e} m, in steps of {:.1e} m",
             coarse.0, fine.0, coarse.1, fine.1, fine.2

@@ -151,7 +151,7 @@ fn materials_table() -> String {
         format!(
             "| `{name}` | {} | {} | {} | {} | {} | {} | {:.2e} |",
             m.density,
-            m.friction,
+            m.friction.static_coefficient,
             round(m.young_modulus * 1e-6),
             m.poisson_ratio,
             round(m.layer_thickness * 1e3),

@@ -28,7 +28,7 @@ fn pinched_box_does_not_creep(model: Option<ComplianceModel>, motion: Motion, dt
     options.motion = motion;
     options.box_points = (4_800, 640);
     options.pad_points = (900, 120);
-    if let Some(model) = model {
+    if let Some(model) = model.clone() {
         options.pad_material = options.pad_material.with_model(model).unwrap();
     }
     let mut pinch = Pinch::new(&options).unwrap();

@@ -84,7 +84,7 @@ fn deformed_leaves_cover_the_deformed_surface_at_every_refit_level() {
         for (name, points, leaves) in shapes() {
             let params = Parameters { refit_level, ..Parameters::default() };
             let surface = Arc::new(Surface::build(points, Some(leaves)).unwrap());
-            let mut skin = Skin::new(surface.clone(), Material::preset("fingertip_pulp").unwrap());
+            let mut skin = Skin::new(surface.clone(), Material::preset("fingertip_pulp").unwrap()).unwrap();
             // A dent of 1 mm with a bump aside, then a smaller one elsewhere, then none: spheres follow each time.
             for (round, depth) in [1e-3, 4e-4, 0.0].into_iter().enumerate() {
                 skin.clear_displacement();

@@ -1,10 +1,13 @@
 //! What a body is made of: density, friction, and how its surface yields.
 
+use crate::body::Friction;
 use crate::error::{Error, Result, check_non_negative, check_positive};
 use crate::math::Real;
+use crate::surface::{ComplianceMatrix, ControlPoints};
+use std::sync::Arc;
 
 /// How a surface yields under load. Which one suits is a choice per material.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum ComplianceModel {
     /// An elastic layer on a rigid core (the paper's model): every control point is a spring, and a share of its displacement
     /// spreads to its neighbours as a Gaussian.
@@ -18,6 +21,9 @@ pub enum ComplianceModel {
     },
     /// An elastic half-space (Boussinesq and Cerruti) with the material's Young's modulus and Poisson's ratio.
     HalfSpace,
+    /// A compliance of the user's own over the control points of one surface: a material with it is good for that surface only. The material's Young's modulus,
+    /// Poisson's ratio and layer thickness then have no effect; its relaxation time has.
+    Matrix(Arc<ComplianceMatrix>),
 }
 
 /// Above this Poisson's ratio the layer is treated as if it had it; see [`ComplianceModel::layer`].
@@ -78,8 +84,8 @@ pub struct Material {
     pub name: String,
     /// Density (kg/m^3).
     pub density: Real,
-    /// Coulomb coefficient of this material against itself (-); see [`pair_friction`].
-    pub friction: Real,
+    /// Friction of this material against itself; [`crate::body::PairFriction`] makes that of a pair.
+    pub friction: Friction,
     /// Young's modulus E (Pa).
     pub young_modulus: Real,
     /// Poisson's ratio nu (-).
@@ -145,14 +151,14 @@ impl Material {
     pub fn new(
         name: impl Into<String>,
         density: Real,
-        friction: Real,
+        friction: impl Into<Friction>,
         young_modulus: Real,
         poisson_ratio: Real,
         layer_thickness: Real,
         relaxation_time: Real,
         model: ComplianceModel,
     ) -> Result<Self> {
-        let name = name.into();
+        let (name, friction) = (name.into(), friction.into());
         let material = Self { name, density, friction, young_modulus, poisson_ratio, layer_thickness, relaxation_time, model };
         material.check()?;
         Ok(material)
@@ -188,12 +194,13 @@ impl Material {
         Ok(Self { model, ..self })
     }
 
-    /// The same material with another Coulomb coefficient against itself (-).
+    /// The same material with another friction against itself: a Coulomb coefficient (-), or a [`Friction`].
     ///
     /// # Errors
-    /// A coefficient that is not finite and >= 0.
-    pub fn with_friction(self, friction: Real) -> Result<Self> {
-        check_non_negative("friction coefficient", friction, "-")?;
+    /// See [`Friction::check`].
+    pub fn with_friction(self, friction: impl Into<Friction>) -> Result<Self> {
+        let friction = friction.into();
+        friction.check()?;
         Ok(Self { friction, ..self })
     }
 
@@ -216,13 +223,13 @@ impl Material {
     }
 
     /// The same material with other elastic figures: E (Pa), nu (-), layer thickness (m). A local model is computed anew from
-    /// them, a half-space model stays one.
+    /// them, a half-space model stays one, and so does a matrix, which does not know them.
     ///
     /// # Errors
     /// E or thickness not finite and > 0, nu outside [0, 0.5].
     pub fn with_elasticity(self, young_modulus: Real, poisson_ratio: Real, layer_thickness: Real) -> Result<Self> {
         let layer = ComplianceModel::layer(young_modulus, poisson_ratio, layer_thickness)?;
-        let model = if self.model == ComplianceModel::HalfSpace { ComplianceModel::HalfSpace } else { layer };
+        let model = if matches!(self.model, ComplianceModel::Local { .. }) { layer } else { self.model };
         Ok(Self { young_modulus, poisson_ratio, layer_thickness, model, ..self })
     }
 
@@ -234,26 +241,29 @@ impl Material {
         ComplianceModel::layer(self.young_modulus, self.poisson_ratio, self.layer_thickness)
     }
 
+    /// [`Material::check`], and that a compliance matrix is one for the control points of the surface that shall be made of it.
+    ///
+    /// # Errors
+    /// See [`Material::check`] and [`ComplianceMatrix::check_for`].
+    pub fn check_for(&self, control: &ControlPoints) -> Result<()> {
+        self.check()?;
+        if let ComplianceModel::Matrix(matrix) = &self.model { matrix.check_for(control) } else { Ok(()) }
+    }
+
     /// Refuses figures that no material has.
     ///
     /// # Errors
-    /// Non-finite numbers; density, E or thickness <= 0; friction or relaxation time < 0; nu outside [0, 0.5]; a compliance
+    /// Non-finite numbers; density, E or thickness <= 0; relaxation time < 0; a friction that [`Friction::check`] refuses; nu outside [0, 0.5]; a compliance
     /// model out of range.
     pub fn check(&self) -> Result<()> {
         check_positive("density", self.density, "kg/m^3")?;
-        check_non_negative("friction coefficient", self.friction, "-")?;
+        self.friction.check()?;
         check_positive("Young's modulus", self.young_modulus, "Pa")?;
         check_poisson(self.poisson_ratio)?;
         check_positive("layer thickness", self.layer_thickness, "m")?;
         check_non_negative("relaxation time", self.relaxation_time, "s")?;
         self.model.check()
     }
-}
-
-/// Coulomb coefficient of a contact between two materials: the geometric mean of their coefficients against themselves, so
-/// that a frictionless partner makes a frictionless pair.
-pub fn pair_friction(a: &Material, b: &Material) -> Real {
-    (a.friction * b.friction).sqrt()
 }
 
 fn check_poisson(nu: Real) -> Result<()> {
@@ -285,6 +295,7 @@ mod tests {
                 let d = (0.75 * force / (stiffness * radius.sqrt())).powf(2.0 / 3.0);
                 (d, PI * radius * d)
             }
+            ComplianceModel::Matrix(_) => unreachable!(),
         }
     }
 
@@ -292,7 +303,7 @@ mod tests {
     fn fingertip_at_2_newton_yields_as_measured_on_people() {
         let pulp = Material::preset("fingertip_pulp").unwrap();
         for model in [pulp.local().unwrap(), ComplianceModel::HalfSpace] {
-            let (d, area) = pressed_pad(model, &pulp, 2.0);
+            let (d, area) = pressed_pad(model.clone(), &pulp, 2.0);
             assert!((1e-3..=2e-3).contains(&d), "{model:?}: indentation {:.2} mm", d * 1e3);
             assert!((80e-6..=150e-6).contains(&area), "{model:?}: area {:.0} mm^2", area * 1e6);
         }
@@ -302,7 +313,7 @@ mod tests {
     fn layer_has_the_confined_modulus_and_a_cap() {
         let modulus = |nu| match ComplianceModel::layer(1e6, nu, 1e-2).unwrap() {
             ComplianceModel::Local { foundation_modulus, .. } => foundation_modulus,
-            ComplianceModel::HalfSpace => unreachable!(),
+            _ => unreachable!(),
         };
         assert_eq!(modulus(0.0), 1e8);
         assert!((modulus(0.25) - 1.2e8).abs() < 1.0, "{}", modulus(0.25));
@@ -332,12 +343,5 @@ mod tests {
         assert!(wood().with_model(local(1e-3, 1.0)).is_err());
         assert!(wood().with_model(local(Real::NAN, 0.5)).is_err());
         assert!(wood().with_model(local(1e-3, 0.0)).is_ok());
-    }
-
-    #[test]
-    fn pair_friction_is_the_geometric_mean() {
-        let of = |friction| Material::preset("wood").unwrap().with_friction(friction).unwrap();
-        assert!((pair_friction(&of(0.2), &of(0.8)) - 0.4).abs() < 1e-15);
-        assert_eq!(pair_friction(&of(0.0), &of(0.8)), 0.0);
     }
 }

@@ -92,6 +92,18 @@ impl RigidBody {
         &self.mass
     }
 
+    /// Gives the body another mass, centre of mass and inertia; pose and velocities stay.
+    ///
+    /// # Errors
+    /// A fixed body, which has no mass.
+    pub fn set_mass_properties(&mut self, mass: MassProperties) -> Result<()> {
+        self.refuse_fixed("mass", "a fixed body has none")?;
+        let angular = self.angular_velocity();
+        self.mass = mass;
+        self.state.angular_momentum = self.world_inertia() * angular;
+        Ok(())
+    }
+
     /// Degrees of freedom: 6 or 0.
     pub fn dof(&self) -> usize {
         if self.mobility == Mobility::Fixed { 0 } else { 6 }

@@ -1,6 +1,7 @@
 //! The surface of a body as it is now: material, elastic displacement, deformed points and the spheres around them.
 
 use crate::body::material::{ComplianceModel, Material};
+use crate::error::Result;
 use crate::math::{Real, Vec3};
 use crate::params::Parameters;
 use crate::surface::moving_least_squares::evaluate;
@@ -50,16 +51,14 @@ pub struct Skin {
 
 impl Skin {
     /// An undeformed skin.
-    pub fn new(surface: Arc<Surface>, material: Material) -> Self {
-        let compliance = match material.model {
-            ComplianceModel::Local { foundation_modulus, width, share } => {
-                Compliance::Local(LocalCompliance::build(&surface.control, foundation_modulus, width, share))
-            }
-            ComplianceModel::HalfSpace => Compliance::HalfSpace(HalfSpaceCompliance::new(material.young_modulus, material.poisson_ratio)),
-        };
+    ///
+    /// # Errors
+    /// See [`Material::check_for`].
+    pub fn new(surface: Arc<Surface>, material: Material) -> Result<Self> {
+        let compliance = compliance_of(&surface, &material)?;
         let spheres = surface.tree.nodes.iter().map(|n| Sphere { center: n.center, radius: n.radius }).collect();
         let leaves = surface.tree.leaves.len();
-        Self {
+        Ok(Self {
             compliance,
             displacement: vec![Vec3::zeros(); surface.control.len()],
             deformed: surface.points.clone(),
@@ -78,7 +77,32 @@ impl Skin {
             travel: 0.0,
             surface,
             material,
+        })
+    }
+
+    /// Makes it of another material; the displacement stays what it is. Returns whether the compliance changed.
+    ///
+    /// # Errors
+    /// See [`Material::check_for`].
+    pub fn set_material(&mut self, material: Material) -> Result<bool> {
+        let elastic = |m: &Material| (m.model.clone(), m.young_modulus, m.poisson_ratio);
+        let changed = elastic(&self.material) != elastic(&material);
+        if changed {
+            self.compliance = compliance_of(&self.surface, &material)?;
         }
+        self.material = material;
+        Ok(changed)
+    }
+
+    /// The points that are displaced, in the caller's numbering, and where they are, body frame, m.
+    pub fn moved_points(&self) -> (Vec<u32>, Vec<Vec3>) {
+        let surface = &self.surface;
+        let leaves = self.shown_list.iter().flat_map(|c| std::iter::once(c).chain(surface.leaf_neighbours.row(*c as usize)));
+        let mut leaves: Vec<u32> = leaves.copied().collect();
+        leaves.sort_unstable();
+        leaves.dedup();
+        let points = leaves.iter().flat_map(|&leaf| surface.tree.leaf(leaf as usize).points());
+        points.filter(|&k| self.deformed[k] != surface.points[k]).map(|k| (surface.order[k], self.deformed[k])).unzip()
     }
 
     /// Share of the elastic displacement that is left after one step without force: `alpha = tau/(tau + dt)`.
@@ -216,6 +240,17 @@ impl Skin {
             }
         }
     }
+}
+
+fn compliance_of(surface: &Surface, material: &Material) -> Result<Compliance> {
+    material.check_for(&surface.control)?;
+    Ok(match &material.model {
+        &ComplianceModel::Local { foundation_modulus, width, share } => {
+            Compliance::Local(LocalCompliance::build(&surface.control, foundation_modulus, width, share))
+        }
+        ComplianceModel::HalfSpace => Compliance::HalfSpace(HalfSpaceCompliance::new(material.young_modulus, material.poisson_ratio)),
+        ComplianceModel::Matrix(matrix) => Compliance::Matrix(matrix.clone()),
+    })
 }
 
 /// Marks the ancestors of a leaf down from `refit_level`.

@@ -5,16 +5,19 @@
 //! after the free motion, a body at rest would be compared with a place where it never is, and the mismatch of second order would be a creep.
 
 mod broad_phase;
+mod coarse;
+mod deep;
 mod pair;
 mod projection;
 mod traversal;
 
-pub use pair::{Pair, PatchSide};
+pub(crate) use pair::counts_as_rigid;
+pub use pair::{Afar, Pair, PatchSide};
 pub use projection::Remembered;
 pub use traversal::{Coupled, Coupling};
 
-use crate::body::BodyEntry;
-use crate::body::Skin;
+use crate::body::friction_table::FrictionTable;
+use crate::body::{BodyEntry, Skin};
 use crate::free_motion::FreeMotion;
 use crate::math::{Mat3, Real, Vec3};
 use crate::params::Parameters;
@@ -34,10 +37,13 @@ pub struct Contact {
     pub control_point: u32,
     /// Where it is: the deformed control point, world, m. Reactions act here on both bodies.
     pub point: Vec3,
-    /// Columns (normal, tangent1, tangent2), world. The normal is the outward normal of `b`: from `b` to `a`.
+    /// Columns (normal, tangent1, tangent2), world. The normal is the outward normal of `b`: from `b` to `a`. Unit vectors; but where friction has a grain tangent2 is
+    /// stretched ([`crate::body::PairFriction::frame`]): `frame f` is the force in world axes all the same, and `frame^T d` is what the contact problem calls a displacement.
     pub frame: Mat3,
     /// Gap between the deformed surfaces at the start of the step, m; > 0 means apart.
     pub gap: Real,
+    /// The gap that the solver gets, m: `gap`, but for an overlap, which is pushed apart no faster than [`Parameters::push_out_speed`].
+    pub solved_gap: Real,
     /// Area that the contact stands for, m^2: the control point's, or its node's when the traversal stopped early.
     pub area: Real,
     /// Where it is projected to: on the undeformed surface of `b`, frame of the link of `b`, m.
@@ -49,6 +55,18 @@ pub struct Contact {
 }
 
 impl Contact {
+    /// By how much tangent2 is stretched: `mu_2/mu_1`, 1 where friction has no grain.
+    pub fn stretch(&self) -> Real {
+        let length = self.frame.column(2).norm();
+        // A unit vector is one but for rounding.
+        if (length - 1.0).abs() < 1e-12 { 1.0 } else { length }
+    }
+
+    /// The frame with unit vectors only.
+    pub fn unit_frame(&self) -> Mat3 {
+        Mat3::from_columns(&[self.frame.column(0).into(), self.frame.column(1).into(), self.frame.column(2) / self.stretch()])
+    }
+
     /// The foot as a half-space on `b` sees it, frame of the link of `b`. `to_link_b`: rotation from the world.
     pub(crate) fn foot_on_b(&self, to_link_b: &Mat3) -> Loaded {
         Loaded { point: self.foot, normal: to_link_b * self.frame.column(0), area: self.area }
@@ -78,13 +96,22 @@ pub struct Collision {
     projection: projection::Scratch,
 }
 
-/// Finds all contacts. `pairs` grows when two bodies meet for the first time. `step`: number of the step, for [`Parameters::collision_every`].
-pub fn collision(out: &mut Collision, bodies: &[BodyEntry], free: &[FreeMotion], pairs: &mut Vec<Pair>, params: &Parameters, step: u64) {
+/// Finds all contacts. `pairs` grows when two bodies meet for the first time; then `friction` is asked for theirs. `step`: number of the step, for
+/// [`Parameters::collision_every`].
+pub(crate) fn collision(
+    out: &mut Collision,
+    bodies: &[BodyEntry],
+    free: &[FreeMotion],
+    pairs: &mut Vec<Pair>,
+    friction: &FrictionTable,
+    params: &Parameters,
+    step: u64,
+) {
     let start = Instant::now();
     broad_phase::reach_of_bodies(bodies, free, &mut out.reach);
     broad_phase::near_bodies(bodies, &out.reach, params, &mut out.near);
-    pair::match_pairs(pairs, &out.near, bodies, params);
-    out.traversal.clear();
+    pair::match_pairs(pairs, &out.near, bodies, friction, params);
+    out.traversal.start(pairs.iter().filter(|pair| pair.near).count(), params.traversal_budget);
     for pair in pairs.iter_mut().filter(|pair| pair.near) {
         traversal::traverse(&mut out.traversal, pair, bodies, &out.reach, params);
     }

@@ -1,9 +1,10 @@
 //! What two bodies remember of their contact from step to step: reactions for the warm start, elastic displacement.
 
 use super::{Coupling, Remembered};
-use crate::body::{BodyEntry, Skin};
+use crate::body::friction_table::FrictionTable;
+use crate::body::{BodyEntry, PairFriction, Skin};
 use crate::contact_problem::ElasticRows;
-use crate::math::Vec3;
+use crate::math::{Real, Vec3};
 use crate::params::Parameters;
 use crate::surface::Weights;
 
@@ -16,6 +17,22 @@ pub struct PatchSide {
     pub active: Vec<u32>,
     /// Whether a control point is in `active`.
     pub is_active: Vec<bool>,
+    /// Where control points that follow from afar are going.
+    pub afar: Afar,
+}
+
+/// Control points that are moved by forces at others but are in no contact themselves: shown, and ready for when they are touched. Their static displacement under
+/// the present forces is kept and found anew only when those have changed by more than the solver's last digits, so that a patch at rest costs nothing.
+#[derive(Debug, Clone, Default)]
+pub struct Afar {
+    /// `K^-1 f` of each control point, m, where `found` is that of the present forces.
+    pub settled: Vec<Vec3>,
+    /// Which forces it was found for: the count below at that time.
+    pub found: Vec<u64>,
+    /// How often the forces have changed.
+    pub count: u64,
+    /// Those forces, N: control point and force.
+    pub forces: Vec<(u32, Vec3)>,
 }
 
 /// Two bodies that met. Each pair has an elastic memory of its own: two patches of different pairs on one surface do not see
@@ -45,6 +62,10 @@ pub struct Pair {
     /// What the displacement of `b` under each control point of `a` has beyond that interpolated from `side_b`, frame of the link of `b`. Only where `b` is a
     /// half-space: its Green's function holds at the feet themselves, and `b`, the coarser side, cannot show what is narrower than its spacing.
     pub beyond: PatchSide,
+    /// Friction between the two.
+    pub friction: PairFriction,
+    /// Slip speed of each control point of `a` at the end of the last step, m/s: 0 where it stuck or was not near. Empty if friction does not fall with it.
+    pub slip_speed: Vec<Real>,
     /// Coupled nodes, found anew when the two have moved enough.
     pub coupling: Coupling,
     /// Last projection of each control point of `a`.
@@ -59,6 +80,12 @@ impl PatchSide {
             displacement: vec![Vec3::zeros(); control_points],
             active: Vec::with_capacity(control_points.min(512)),
             is_active: vec![false; control_points],
+            afar: Afar {
+                settled: vec![Vec3::zeros(); control_points],
+                found: vec![0; control_points],
+                count: 0,
+                forces: Vec::with_capacity(control_points.min(512)),
+            },
         }
     }
 
@@ -84,14 +111,38 @@ impl Pair {
         self.beyond.displacement[control_point] + weights.iter().map(|(c, w)| self.side_b.displacement[c] * w).sum::<Vec3>()
     }
 
+    /// The compliance of one of the two is another from now on; the displacements stay, but those of a `b` that counts as rigid.
+    pub(crate) fn compliance_changed(&mut self, rigid_b: bool) {
+        self.rigid_b = rigid_b;
+        self.elastic = ElasticRows::default();
+        if rigid_b {
+            self.side_b.clear();
+            self.beyond.clear();
+        }
+    }
+
+    /// Replaces the friction. Slip speeds start from rest if they were not remembered before.
+    pub(crate) fn set_friction(&mut self, friction: PairFriction) {
+        self.friction = friction;
+        self.slip_speed.resize(if friction.falls() { self.reaction.len() } else { 0 }, 0.0);
+    }
+
     /// Whether anything is left to remember.
     pub fn is_idle(&self) -> bool {
         self.loaded.is_empty() && [&self.side_a, &self.side_b, &self.beyond].iter().all(|side| side.active.is_empty())
     }
 }
 
+/// Whether `b` is so much stiffer than `a` that it counts as rigid where they touch.
+pub(crate) fn counts_as_rigid(skin_a: &Skin, skin_b: &Skin, params: &Parameters) -> bool {
+    // Under a uniform pressure over what one control point of `a` stands for.
+    let patch = skin_a.surface.control.spacing.powi(2);
+    let gives = |skin: &Skin| skin.compliance.give(&skin.surface.control, patch);
+    gives(skin_a) > params.rigid_beyond * gives(skin_b)
+}
+
 /// Marks the pairs that are near and adds those that are new, keeping the list sorted by body indices.
-pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[BodyEntry], params: &Parameters) {
+pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[BodyEntry], table: &FrictionTable, params: &Parameters) {
     pairs.iter_mut().for_each(|pair| pair.near = false);
     for &(i, j) in near {
         let (Some(skin_i), Some(skin_j)) = (bodies[i as usize].active_skin(), bodies[j as usize].active_skin()) else { continue };
@@ -103,10 +154,8 @@ pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[
             Err(place) => {
                 let (skin_a, skin_b) = if finer_first { (skin_i, skin_j) } else { (skin_j, skin_i) };
                 let (count_a, count_b) = (skin_a.surface.control.len(), skin_b.surface.control.len());
-                // Under a uniform pressure over what one control point of `a` stands for.
-                let patch = skin_a.surface.control.spacing.powi(2);
-                let gives = |skin: &Skin| skin.compliance.give(&skin.surface.control, patch);
-                let pair = Pair {
+                let Some(friction) = table.pair(bodies, a, b, params.friction_rule) else { continue };
+                let mut pair = Pair {
                     a,
                     b,
                     near: true,
@@ -116,12 +165,15 @@ pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[
                     loaded: Vec::with_capacity(count_a.min(512)),
                     side_a: PatchSide::new(count_a),
                     side_b: PatchSide::new(count_b),
-                    rigid_b: gives(skin_a) > params.rigid_beyond * gives(skin_b),
+                    rigid_b: counts_as_rigid(skin_a, skin_b, params),
                     beyond: PatchSide::new(count_a),
+                    friction,
+                    slip_speed: Vec::new(),
                     coupling: Coupling::default(),
                     remembered: vec![Remembered::default(); count_a],
                     elastic: ElasticRows::default(),
                 };
+                pair.set_friction(friction);
                 pairs.insert(place, pair);
             }
         }

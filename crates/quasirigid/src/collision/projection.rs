@@ -1,18 +1,27 @@
 //! Control points of coupled leaves, projected on the other surface (design 3.2, points 3 to 5).
 
+use super::coarse::area_in_contact;
 use super::{Contact, Coupled, Pair};
 use crate::body::{BodyEntry, Skin};
 use crate::free_motion::FreeMotion;
 use crate::math::{Mat3, Pose, Real, Vec3, contact_frame};
 use crate::params::Parameters;
 use crate::surface::Weights;
-use crate::surface::kernel::Kernel;
 use crate::surface::moving_least_squares::{FACES, project};
 use rayon::prelude::*;
 use std::ops::Range;
 
 /// A projection farther from the nearest sample than this many leaf gaps (half the distance to a close neighbour) has left the border of its leaf.
 const BORDER_GAPS: Real = 1.5;
+
+/// A control point that lies this many leaf gaps under the other surface lies deeper than contact goes.
+const DEEP: Real = 1.0;
+
+/// Where faces meet, a control point whose place at rest has moved by this many spacings is looked at again.
+const EDGE_SLACK: Real = 0.05;
+
+/// Coupled leaves whose mean normals make more than 60 degrees lie on different faces.
+const SAME_FACE: Real = 0.5;
 
 /// Most steps of a projection; two or three are usual.
 const MOST_PROJECTIONS: u32 = 10;
@@ -29,6 +38,10 @@ pub struct Remembered {
     holds_for: Real,
     /// What was found there.
     surface: Seen,
+    /// Where it was at rest, without elastic displacement, if faces of the other surface meet near it: that decides which of them it belongs to.
+    at_edge: Option<Vec3>,
+    /// Whether it lies inside the other body by more than contact does, see [`super::deep`].
+    deep: bool,
 }
 
 /// The other surface as a control point sees it.
@@ -45,7 +58,7 @@ enum Seen {
 impl Default for Remembered {
     fn default() -> Self {
         // From nowhere: whatever the control point does, it has moved too far.
-        Self { x: Vec3::repeat(Real::INFINITY), holds_for: -1.0, surface: Seen::Nothing }
+        Self { x: Vec3::repeat(Real::INFINITY), holds_for: -1.0, surface: Seen::Nothing, at_edge: None, deep: false }
     }
 }
 
@@ -87,15 +100,18 @@ pub(super) fn project_control_points(
     for (index, pair) in pairs.iter().enumerate().filter(|(_, pair)| pair.near) {
         let Some(view) = View::of(pair, bodies, free, params) else { continue };
         for coupled in groups(&pair.coupling.coupled) {
-            let (x, approach) = view.locate(pair, pair.coupling.coupled[coupled.start].control_point as usize);
-            let known = &pair.remembered[pair.coupling.coupled[coupled.start].control_point as usize];
+            let control_point = pair.coupling.coupled[coupled.start].control_point as usize;
+            let (x, approach) = view.locate(pair, control_point);
+            let known = &pair.remembered[control_point];
             let approach = approach.norm();
+            let slack = EDGE_SLACK * view.skin_b.surface.spacing;
+            let passes_edge = known.at_edge.is_some_and(|rest| (view.at_rest(control_point) - rest).norm() > slack);
             let holds = match known.surface {
                 Seen::Foot { .. } => (x - known.x).norm() <= known.holds_for.max(carried),
                 Seen::Nothing if known.holds_for < 0.0 => (x - known.x).norm() <= carried,
                 Seen::Nothing => (x - known.x).norm() + approach <= known.holds_for,
             };
-            if !holds {
+            if passes_edge || !holds {
                 scratch.due.push(Due { pair: index as u32, coupled: coupled.start as u32..coupled.end as u32, x, approach });
             }
         }
@@ -129,6 +145,7 @@ pub(super) fn project_control_points(
             let new = learnt.next_if(|(due, _)| due.pair == index as u32 && due.coupled.start == start);
             let projected = new.is_some();
             if let Some((_, new)) = new {
+                pair.coupling.deep |= new.deep;
                 pair.remembered[control_point] = new;
             }
             contacts.extend(view.contact(pair, index as u32, &pair.coupling.coupled[coupled], projected));
@@ -193,6 +210,12 @@ impl<'a> View<'a> {
         (x, self.drift + self.shear * x)
     }
 
+    /// A control point without its elastic displacement, frame of `b`.
+    #[inline]
+    fn at_rest(&self, control_point: usize) -> Vec3 {
+        self.turn_ba * self.skin_a.surface.control.points[control_point] + self.shift_ba
+    }
+
     /// The contact of a control point, from what it remembers.
     #[inline]
     fn contact(&self, pair: &Pair, index: u32, coupled: &[Coupled], projected: bool) -> Option<Contact> {
@@ -205,8 +228,17 @@ impl<'a> View<'a> {
         if gap + normal.dot(&approach).min(0.0) > self.params.contact_margin {
             return None;
         }
-        let area = coupled.iter().map(|c| self.skin_a.surface.tree.nodes[c.node_a as usize].area).fold(0.0, Real::max);
-        let frame: Mat3 = contact_frame(&(self.turn_b * normal), &(self.turn_a * self.skin_a.surface.control.tangents[control_point]));
+        // Larger than its own where a spent budget left it to stand for others.
+        let height = |p: &Vec3| normal.dot(&(self.turn_ba * p + self.shift_ba - foot));
+        let node = &self.skin_a.surface.tree.nodes[coupled[0].node_a as usize];
+        let area = if node.children.is_none() {
+            node.area
+        } else {
+            area_in_contact(&self.skin_a.surface, node, control_point, self.params.contact_margin, height)
+        };
+        let normal = self.turn_b * normal;
+        let frame = pair.friction.frame(&normal, [&self.turn_a, &self.turn_b]);
+        let frame = frame.unwrap_or_else(|| contact_frame(&normal, &(self.turn_a * self.skin_a.surface.control.tangents[control_point])));
         Some(Contact {
             pair: index,
             body_a: pair.a,
@@ -215,6 +247,7 @@ impl<'a> View<'a> {
             point: self.turn_b * x + self.shift_b,
             frame,
             gap,
+            solved_gap: gap.max(-self.params.push_out_speed * self.params.dt),
             area,
             foot: *foot,
             weights_b: *weights,
@@ -222,37 +255,75 @@ impl<'a> View<'a> {
         })
     }
 
+    /// Whether a control point, at `rest` without elastic displacement, has passed the edge between the face of point `own` of `b` and another face that it looks at.
+    ///
+    /// A control point stands for half a spacing around it, so a face reaches that far beyond its edge; what is then inside it can leave over the other face, too. Its way
+    /// out there is that half spacing less its height over the other face: the face is its own while its depth is less.
+    fn is_past_edge(&self, coupled: &[Coupled], rest: &Vec3, own: usize, normal_a: &Vec3) -> bool {
+        let surface = &self.skin_b.surface;
+        let (p1, n1) = (&surface.points[own], &surface.normals[own]);
+        let distance2 = |k: &usize| (surface.points[*k] - rest).norm_squared();
+        let other = coupled
+            .iter()
+            .flat_map(|c| surface.tree.nodes[c.node_b as usize].points())
+            .filter(|&k| surface.normals[k].dot(n1) < SAME_FACE && surface.normals[k].dot(normal_a) < FACES)
+            .min_by(|i, j| distance2(i).total_cmp(&distance2(j)));
+        other.is_some_and(|k| {
+            let (p2, n2) = (&surface.points[k], &surface.normals[k]);
+            let (depth, height) = (-n1.dot(&(rest - p1)), n2.dot(&(rest - p2)));
+            // Of an inner edge the other face lies over the own.
+            n1.dot(&(p2 - p1)) <= 0.0 && height > 0.0 && depth + height > 0.5 * self.skin_a.surface.control.spacing
+        })
+    }
+
     /// Projects a control point on `b`.
     fn project(&self, pair: &Pair, due: &Due) -> Remembered {
         let (x, coupled) = (&due.x, &pair.coupling.coupled[due.coupled.start as usize..due.coupled.end as usize]);
         let control_point = coupled[0].control_point as usize;
-        let nothing = |holds_for: Real| Remembered { x: *x, holds_for, surface: Seen::Nothing };
+        let nothing = |holds_for: Real| Remembered { x: *x, holds_for, surface: Seen::Nothing, at_edge: None, deep: false };
         let (params, surface) = (self.params, &self.skin_b.surface);
         let normal_a = self.turn_ba * self.skin_a.surface.control.normals[control_point];
-        let Some((node_b, nearest)) = nearest_node(coupled, self.skin_b, x, &normal_a) else { return nothing(-1.0) };
-        let leaf_b = surface.tree.nodes[node_b as usize].representative as usize;
-        let border = Border::of(self.skin_b, node_b, x);
+        // Where faces meet, the one that the control point has least way to at rest is its own. Seen from where it is pressed to it would stay with a face that it has long passed.
+        let at_edge = faces_meet(coupled, self.skin_b).then(|| self.at_rest(control_point));
+        let Some((node_b, nearest)) = nearest_node(coupled, self.skin_b, at_edge.as_ref().unwrap_or(x), &normal_a) else {
+            return Remembered { deep: is_deep(coupled, self.skin_b, x), ..nothing(-1.0) };
+        };
+        if let Some(rest) = &at_edge
+            && self.is_past_edge(coupled, rest, nearest, &normal_a)
+        {
+            return Remembered { at_edge, ..nothing(-1.0) };
+        }
+        let leaf_b = surface.tree.nodes[node_b as usize].first_leaf as usize;
         // The plane of the nearest point is off by far less than a leaf gap: most control points can be told to be apart without a projection.
         let plane_gap = surface.normals[nearest].dot(&(x - surface.points[nearest] - pair.side_b.displacement[leaf_b]));
+        // The border is that of where the projection goes: deep inside, far from `x`.
+        let goal = if plane_gap < -surface.kernel.cutoff() { x - surface.normals[nearest] * plane_gap } else { *x };
+        let border = Border::of(self.skin_b, node_b, &goal);
         let clear = plane_gap - params.contact_margin - border.gap;
         if clear > due.approach {
             return nothing(clear.min(params.traversal_slack));
         }
+        // At an edge the projection keeps to the face that was chosen.
+        let facing = if at_edge.is_some() { -surface.normals[nearest] } else { normal_a };
         let found = project(
             x,
             &surface.points,
             &surface.normals,
             border.ranges(),
-            &border.kernel,
-            Some(&normal_a),
+            &surface.kernel,
+            Some(&facing),
             params.projection_tolerance,
             MOST_PROJECTIONS,
         );
         let Some(q) = found else { return nothing(-1.0) };
-        // Artefacts of high curvature: a surface that does not face the control point, or a foot beyond the border of the leaf.
-        let aside = surface.points[q.nearest] - q.point;
-        let aside = aside - q.normal * q.normal.dot(&aside);
-        if q.normal.dot(&normal_a) >= FACES || aside.norm() > BORDER_GAPS * border.gap {
+        // Artefacts of high curvature: a surface that does not face the control point, or a foot beyond the border of the leaf. So far beyond that only a row of points has
+        // weight they do not say which way the surface lies, and the foot is not under the control point.
+        let aside = |v: Vec3| (v - q.normal * q.normal.dot(&v)).norm();
+        let border_width = BORDER_GAPS * border.gap;
+        if q.normal.dot(&normal_a) >= FACES
+            || aside(surface.points[q.nearest] - q.point) > border_width
+            || aside(x - q.point) > border_width
+        {
             return nothing(-1.0);
         }
         // Deep under a face that looks the other way, yet outside: the far side of something thin that a fast body is about to meet on its near side.
@@ -261,8 +332,14 @@ impl<'a> View<'a> {
         }
         let weights = if pair.rigid_b { Weights::none() } else { surface.control_weights(&q.point, &q.normal, leaf_b) };
         let surface = Seen::Foot { foot: q.point, normal: q.normal, weights };
-        Remembered { x: *x, holds_for: params.projection_slack, surface }
+        Remembered { x: *x, holds_for: params.projection_slack, surface, at_edge, deep: plane_gap < -DEEP * border.gap }
     }
+}
+
+/// Whether not all of the coupled leaves lie on one face.
+fn faces_meet(coupled: &[Coupled], skin_b: &Skin) -> bool {
+    let normal = |c: &Coupled| &skin_b.surface.tree.nodes[c.node_b as usize].mean_normal;
+    coupled.iter().any(|c| normal(c).dot(normal(&coupled[0])) < SAME_FACE)
 }
 
 /// Of the coupled nodes, the one with the point nearest to `x` among those that face the control point. Of the leaves that claim a control point the
@@ -283,33 +360,34 @@ fn nearest_node(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_a: &Vec3) -
                 best = Some((distance2, c.node_b, k));
             }
         };
-        if node.children.is_none() {
-            node.points().for_each(look);
-        } else {
-            (0..node.sample_len()).map(|k| node.sample(k)).for_each(&mut look);
-        }
+        node.points().for_each(&mut look);
     }
     best.map(|(_, node, point)| (node, point))
 }
 
 /// Whether `x` lies outside, as the nearest point of all coupled nodes sees it, facing or not.
 fn is_outside(coupled: &[Coupled], skin_b: &Skin, x: &Vec3) -> bool {
-    let surface = &skin_b.surface;
-    let points = coupled.iter().flat_map(|c| {
-        let node = &surface.tree.nodes[c.node_b as usize];
-        let count = if node.children.is_none() { node.point_count as usize } else { node.sample_len() };
-        (0..count).map(move |k| if node.children.is_none() { node.first_point as usize + k } else { node.sample(k) })
-    });
-    let distance2 = |k: &usize| (surface.points[*k] - x).norm_squared();
-    let nearest = points.min_by(|i, j| distance2(i).total_cmp(&distance2(j)));
-    nearest.is_some_and(|k| surface.normals[k].dot(&(x - surface.points[k])) > 0.0)
+    height_over_nearest(coupled, skin_b, x).is_some_and(|height| height > 0.0)
 }
 
-/// Points that decide where the surface is: those of the coupled leaf and of its border; of an inner node its sample.
+/// Whether `x` lies inside, deeper than contact goes, likewise.
+fn is_deep(coupled: &[Coupled], skin_b: &Skin, x: &Vec3) -> bool {
+    height_over_nearest(coupled, skin_b, x).is_some_and(|height| height < -DEEP * skin_b.surface.spacing)
+}
+
+/// Height of `x` over the tangent plane of the nearest point of all coupled nodes, facing or not, m.
+fn height_over_nearest(coupled: &[Coupled], skin_b: &Skin, x: &Vec3) -> Option<Real> {
+    let surface = &skin_b.surface;
+    let points = coupled.iter().flat_map(|c| surface.tree.nodes[c.node_b as usize].points());
+    let distance2 = |k: &usize| (surface.points[*k] - x).norm_squared();
+    let nearest = points.min_by(|i, j| distance2(i).total_cmp(&distance2(j)));
+    nearest.map(|k| surface.normals[k].dot(&(x - surface.points[k])))
+}
+
+/// Points that decide where the surface is: those of the coupled leaf and of its border.
 struct Border {
     count: usize,
     list: [Range<u32>; Border::MOST],
-    kernel: Kernel,
     gap: Real,
 }
 
@@ -319,25 +397,14 @@ impl Border {
     fn of(skin: &Skin, index: u32, x: &Vec3) -> Self {
         let surface = &skin.surface;
         let node = &surface.tree.nodes[index as usize];
-        let mut border = Self { count: 0, list: [const { 0..0 }; Self::MOST], kernel: surface.kernel, gap: 0.0 };
-        if node.children.is_none() {
-            let leaf = node.first_leaf as usize;
-            border.gap = surface.leaf_gaps[leaf];
-            border.push(node.first_point..node.first_point + node.point_count);
-            for &other in surface.leaf_neighbours.row(leaf) {
-                let other = surface.tree.leaf(other as usize);
-                let reach = other.radius + surface.kernel.cutoff();
-                if (other.center - x).norm_squared() < reach * reach {
-                    border.push(other.first_point..other.first_point + other.point_count);
-                }
-            }
-        } else {
-            let spacing = (node.area / node.sample_len() as Real).sqrt();
-            // A node of points has a positive area: the kernel of the leaves is never the one used.
-            (border.kernel, border.gap) = (Kernel::for_spacing(spacing).unwrap_or(surface.kernel), spacing);
-            for k in 0..node.sample_len() {
-                let point = node.sample(k) as u32;
-                border.push(point..point + 1);
+        let leaf = node.first_leaf as usize;
+        let mut border = Self { count: 0, list: [const { 0..0 }; Self::MOST], gap: surface.leaf_gaps[leaf] };
+        border.push(node.first_point..node.first_point + node.point_count);
+        for &other in surface.leaf_neighbours.row(leaf) {
+            let other = surface.tree.leaf(other as usize);
+            let reach = other.radius + surface.kernel.cutoff();
+            if (other.center - x).norm_squared() < reach * reach {
+                border.push(other.first_point..other.first_point + other.point_count);
             }
         }
         border

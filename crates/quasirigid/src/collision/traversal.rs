@@ -1,23 +1,22 @@
 //! Two sphere trees against each other, breadth-first, within a budget of sphere tests.
 //!
-//! Breadth-first, so that a traversal that runs out of budget has gone equally deep everywhere: what is left in the queue is coupled at the
-//! level reached, inner nodes standing for what lies below them (time-critical collision, Klein and Zachmann).
+//! Breadth-first, so that a traversal that runs out of budget has gone equally deep everywhere: [`super::coarse`] couples what is then left in the queue.
 
-use super::Pair;
+use super::coarse::{LEAST, Trees};
+use super::{Pair, deep};
 use crate::body::BodyEntry;
 use crate::math::{Mat3, Pose, Real, Vec3};
 use crate::params::Parameters;
-use crate::surface::sphere_tree::SphereTree;
 use nalgebra::Point3;
 
-/// A node of `a` and a node of `b` that overlap; both leaves unless the budget ran out.
+/// A node of `a` and a leaf of `b` that overlap.
 #[derive(Debug, Clone, Copy)]
 pub struct Coupled {
-    /// Control point of `a`: the leaf's, or the representative of an inner node.
+    /// Control point of `a`: the leaf's, or the one that stands for an inner node.
     pub control_point: u32,
-    /// Node of `a`.
+    /// Node of `a`: a leaf unless the budget ran out.
     pub node_a: u32,
-    /// Node of `b`.
+    /// Leaf of `b`, as a node.
     pub node_b: u32,
 }
 
@@ -28,6 +27,10 @@ pub struct Coupling {
     pub coupled: Vec<Coupled>,
     /// Margin by which the spheres were inflated, m; negative: nothing found yet.
     margin: Real,
+    /// Whether control points were seen inside the other body, deeper than contact goes: those that the trees do not reach are then looked for, too.
+    pub(super) deep: bool,
+    /// Whether they were looked for since the nodes were found.
+    searched: bool,
     /// Pose of `a` in the frame of `b`, and how far the two surfaces had deformed, when they were found.
     pose_ba: Pose,
     travel: Real,
@@ -36,22 +39,24 @@ pub struct Coupling {
 impl Default for Coupling {
     /// Nothing found yet.
     fn default() -> Self {
-        Self { coupled: Vec::new(), margin: -1.0, pose_ba: Pose::identity(), travel: 0.0 }
+        Self { coupled: Vec::new(), margin: -1.0, deep: false, searched: false, pose_ba: Pose::identity(), travel: 0.0 }
     }
 }
 
 #[derive(Debug, Default)]
 pub(super) struct Traversal {
     pub coarse: bool,
-    tests: usize,
+    /// Sphere tests that each pair may spend.
+    share: usize,
     queue: Vec<(u32, u32)>,
-    nodes_a: Vec<u32>,
+    stack: Vec<u32>,
 }
 
 impl Traversal {
-    pub fn clear(&mut self) {
+    /// Starts a step in which `pairs` may have to be traversed.
+    pub fn start(&mut self, pairs: usize, budget: usize) {
         self.coarse = false;
-        self.tests = 0;
+        self.share = (budget / pairs.max(1)).max(LEAST);
     }
 }
 
@@ -71,27 +76,27 @@ pub(super) fn traverse(out: &mut Traversal, pair: &mut Pair, bodies: &[BodyEntry
     let moved = (pose_ba * Point3::from(root.center) - old * Point3::from(root.center)).norm()
         + old.rotation.angle_to(&pose_ba.rotation) * root.radius
         + (travel - coupling.travel);
-    if needed + moved <= coupling.margin {
+    if needed + moved <= coupling.margin && (coupling.searched || !coupling.deep) {
         return;
     }
     let margin = needed + params.traversal_slack;
-    *coupling = Coupling { coupled: std::mem::take(&mut coupling.coupled), margin, pose_ba, travel };
+    *coupling =
+        Coupling { coupled: std::mem::take(&mut coupling.coupled), margin, deep: coupling.deep, searched: coupling.deep, pose_ba, travel };
     coupling.coupled.clear();
     let out_coupled = &mut coupling.coupled;
-    let mut coarse = false;
+    let (mut coarse, mut tests) = (false, 0);
     out.queue.clear();
     out.queue.push((0, 0));
     let mut next = 0;
     while next < out.queue.len() {
         let (na, nb) = out.queue[next];
         next += 1;
-        if out.tests >= params.traversal_budget {
-            // No budget left even for the test: couple what is queued, as it is.
-            out_coupled.push(Coupled { control_point: tree_a.nodes[na as usize].representative, node_a: na, node_b: nb });
-            coarse |= tree_a.nodes[na as usize].children.is_some() || tree_b.nodes[nb as usize].children.is_some();
-            continue;
+        if 4 * tests >= out.share {
+            coarse = true;
+            next -= 1;
+            break;
         }
-        out.tests += 1;
+        tests += 1;
         let (sphere_a, sphere_b) = (&skin_a.spheres[na as usize], &skin_b.spheres[nb as usize]);
         let center_a = turn * sphere_a.center + shift;
         let touching = sphere_a.radius + sphere_b.radius + margin;
@@ -113,29 +118,30 @@ pub(super) fn traverse(out: &mut Traversal, pair: &mut Pair, bodies: &[BodyEntry
         }
     }
     if coarse {
-        without_overlap(&mut out.nodes_a, out_coupled, tree_a);
+        out.queue.drain(..next);
+        let trees = Trees {
+            surface_a: &skin_a.surface,
+            surface_b: &skin_b.surface,
+            point: |p: &Vec3| turn * p + shift,
+            direction: |n: &Vec3| turn * n,
+        };
+        trees.couple_queued(&mut out.stack, &mut out.queue, out_coupled, out.share - tests);
     }
     out_coupled.sort_unstable_by_key(|c| (c.control_point, c.node_a, c.node_b));
     if coarse {
         // What a spent budget left coarse is looked at again in the next step.
         coupling.margin = -1.0;
         out.coarse = true;
+        return;
     }
-}
-
-/// A spent budget may leave a node coupled and nodes below it too, with other partners: the upper one stands for all of them, so that no area counts twice.
-fn without_overlap(nodes_a: &mut Vec<u32>, coupled: &mut [Coupled], tree: &SphereTree) {
-    nodes_a.clear();
-    nodes_a.extend(coupled.iter().map(|c| c.node_a));
-    nodes_a.sort_unstable();
-    nodes_a.dedup();
-    for c in coupled {
-        let mut index = c.node_a;
-        while index != 0 {
-            index = tree.nodes[index as usize].parent;
-            if nodes_a.binary_search(&index).is_ok() {
-                (c.node_a, c.control_point) = (index, tree.nodes[index as usize].representative);
-            }
-        }
+    let control = &skin_a.surface.control;
+    let place = |c: usize| (turn * (control.points[c] + pair.side_a.displacement[c]) + shift, turn * control.normals[c]);
+    if out_coupled.is_empty() && !coupling.deep {
+        // Near, and no surface near the other: apart, or one inside the other.
+        coupling.deep = deep::depth_inside(&mut out.stack, &skin_b.surface, &place(0).0).is_some();
+        coupling.searched = coupling.deep;
+    }
+    if coupling.deep {
+        coupling.deep = deep::couple_swallowed(&mut out.stack, &mut coupling.coupled, &tree_a.leaves, &skin_b.surface, place);
     }
 }

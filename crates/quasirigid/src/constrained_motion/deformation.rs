@@ -1,13 +1,16 @@
 //! Elastic displacement after the solve: `u = alpha u_previous + C f` at the control points, then at every surface point they reach.
 
 use crate::body::{BodyEntry, Skin};
-use crate::collision::{Contact, Pair, PatchSide};
+use crate::collision::{Afar, Contact, Pair, PatchSide};
 use crate::math::{Mat3, Real, Vec3};
 use crate::params::Parameters;
-use crate::surface::{Compliance, HalfSpaceCompliance, Loaded};
+use crate::surface::{Compliance, LocalCompliance};
 
 /// Displacements below this are set to zero, m: far below rounding of any position, so nothing is lost but work.
 const FORGOTTEN: Real = 1e-20;
+
+/// Forces that differ by less than this share of the largest are the same to what follows from afar: with a millimetre of displacement it is 1e-12 m off.
+const SAME_FORCE: Real = 1e-9;
 
 /// A patch whose reactions changed by less than this share in a step is taken to be at rest.
 const LEAST_TREND: Real = 1e-6;
@@ -20,8 +23,11 @@ pub(super) struct Scratch {
     loaded: Vec<u32>,
     force: Vec<Vec3>,
     is_loaded: Vec<bool>,
-    /// Loaded feet on a half-space `b`: place in the patch, foot, force on it, frame of the link of `b`.
-    pushes: Vec<(usize, Loaded, Vec3)>,
+    /// Force on each contact of a patch, axes of the link of `a`.
+    pushes: Vec<Vec3>,
+    /// Control points whose displacement is found exactly, by the operator that the solver saw.
+    held: Vec<u32>,
+    is_held: Vec<bool>,
     /// New displacement at every foot.
     feet: Vec<Vec3>,
 }
@@ -79,13 +85,22 @@ pub(super) fn remember(
         let (entry_a, entry_b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
         if let Some(skin) = &entry_a.skin {
             let to_link = entry_a.body.link_pose(entry_a.skin_link).rotation.inverse();
-            let pushes = patch.iter().zip(forces).map(|(c, f)| (c.control_point as usize, to_link * (c.frame * f), c.area));
-            scratch.load(skin.surface.control.len(), pushes.map(|(c, f, _)| (c, f)));
-            displace(&mut pair.side_a, skin, scratch, params.dt);
-            // A coarse contact gives with the area of its node: the change of its own diagonal.
-            for (contact, f) in patch.iter().zip(forces).filter(|(c, _)| c.area != skin.surface.control.areas[c.control_point as usize]) {
-                let change = self_change(skin, contact) * (1.0 - skin.memory(params.dt));
-                pair.side_a.displacement[contact.control_point as usize] += change * (to_link * (contact.frame * f));
+            scratch.load(
+                skin.surface.control.len(),
+                patch.iter().zip(forces).map(|(c, f)| (c.control_point as usize, to_link * (c.frame * f))),
+            );
+            match &skin.compliance {
+                Compliance::Local(local) => {
+                    displace_local(&mut pair.side_a, local, skin.memory(params.dt), scratch);
+                    // A coarse contact gives with the area of its node: the change of its own diagonal.
+                    let control = &skin.surface.control;
+                    for contact in patch.iter().filter(|c| c.area != control.areas[c.control_point as usize]) {
+                        let c = contact.control_point as usize;
+                        let change = local.change_for_area(control, c, contact.area) * (1.0 - skin.memory(params.dt));
+                        pair.side_a.displacement[c] += scratch.force[c] * change;
+                    }
+                }
+                _ => displace_contacts(pair, skin, scratch, patch, params.dt),
             }
         }
         if let Some(skin) = &entry_b.skin {
@@ -98,69 +113,60 @@ pub(super) fn remember(
             if pair.rigid_b {
                 continue;
             }
-            if let (Compliance::HalfSpace(half_space), Some(skin_a)) = (&skin.compliance, &entry_a.skin) {
-                displace_feet(
-                    scratch,
-                    pair,
-                    half_space,
-                    [skin_a, skin],
-                    patch,
-                    forces,
-                    &to_link.to_rotation_matrix().into_inner(),
-                    params.dt,
-                );
-            } else {
-                displace(&mut pair.side_b, skin, scratch, params.dt);
+            let alpha = skin.memory(params.dt);
+            match &skin.compliance {
+                Compliance::Local(local) => displace_local(&mut pair.side_b, local, alpha, scratch),
+                Compliance::HalfSpace(_) => {
+                    displace_feet(scratch, pair, skin, patch, forces, &to_link.to_rotation_matrix().into_inner(), alpha)
+                }
+                Compliance::Matrix(matrix) => {
+                    decay(&mut pair.side_b, alpha);
+                    // The control points under the contacts make up the operator: they are exact.
+                    scratch.hold(skin.surface.control.len(), patch.iter().flat_map(|contact| contact.weights_b.iter().map(|(k, _)| k)));
+                    for &k in &scratch.held {
+                        pair.side_b.touch(k as usize);
+                        pair.side_b.displacement[k as usize] +=
+                            matrix.displacement(k as usize, &scratch.loaded, &scratch.force) * (1.0 - alpha);
+                    }
+                    follow(&mut pair.side_b, skin, scratch, alpha);
+                }
             }
         }
     }
 }
 
-/// What the contact's own compliance changes by, link axes, m/N: the same change that its row of W was given.
-fn self_change(skin: &Skin, contact: &Contact) -> Mat3 {
-    let (control, i) = (&skin.surface.control, contact.control_point as usize);
-    match &skin.compliance {
-        Compliance::Local(local) => Mat3::identity() * local.change_for_area(control, i, contact.area),
-        Compliance::HalfSpace(half_space) => {
-            half_space.self_block(&control.normals[i], contact.inverse_distance(skin) - control.inverse_distances[i])
-        }
+/// Side `a` where it is no local model: `u <- alpha u + C f` at every contact by the rows that the solver saw, and at what follows from afar.
+fn displace_contacts(pair: &mut Pair, skin: &Skin, scratch: &mut Scratch, patch: &[Contact], dt: Real) {
+    let alpha = skin.memory(dt);
+    decay(&mut pair.side_a, alpha);
+    scratch.pushes.clear();
+    scratch.pushes.extend(patch.iter().map(|contact| contact.control_point as usize).map(|c| scratch.force[c]));
+    for (i, contact) in patch.iter().enumerate() {
+        let Some(row) = pair.elastic.tensor_row(0, i) else { continue };
+        let moved = product(row, &scratch.pushes);
+        let c = contact.control_point as usize;
+        pair.side_a.touch(c);
+        pair.side_a.displacement[c] += moved;
     }
+    scratch.hold(skin.surface.control.len(), patch.iter().map(|contact| contact.control_point as usize));
+    follow(&mut pair.side_a, skin, scratch, alpha);
 }
 
-/// A half-space on side `b`: `u <- alpha u + (1 - alpha) K^-1 f` at the feet of the contacts, the operator of `contact_problem`; and at the control points of `b`,
+/// A half-space on side `b`: `u <- alpha u + C f` at the feet of the contacts by the rows that the solver saw; and at the control points of `b`,
 /// which show the deformation and carry it along where feet move.
-#[allow(clippy::too_many_arguments)]
-fn displace_feet(
-    scratch: &mut Scratch,
-    pair: &mut Pair,
-    half_space: &HalfSpaceCompliance,
-    [skin_a, skin_b]: [&Skin; 2],
-    patch: &[Contact],
-    forces: &[Vec3],
-    to_link_b: &Mat3,
-    dt: Real,
-) {
-    let alpha = skin_b.memory(dt);
+fn displace_feet(scratch: &mut Scratch, pair: &mut Pair, skin_b: &Skin, patch: &[Contact], forces: &[Vec3], to_link_b: &Mat3, alpha: Real) {
+    let turn = *pair.elastic.turn();
     scratch.pushes.clear();
-    for (i, (contact, f)) in patch.iter().zip(forces).enumerate().filter(|(_, (_, f))| **f != Vec3::zeros()) {
-        scratch.pushes.push((i, contact.foot_on_b(to_link_b), -(to_link_b * (contact.frame * f))));
-    }
+    scratch.pushes.extend(patch.iter().zip(forces).map(|(contact, f)| -(turn * (to_link_b * (contact.frame * f)))));
     scratch.feet.clear();
     for (i, contact) in patch.iter().enumerate() {
-        let foot = contact.foot_on_b(to_link_b);
-        let moved = |(j, other, force): &(usize, Loaded, Vec3)| {
-            let own = i == *j;
-            let block = if own {
-                half_space.self_block(&foot.normal, contact.inverse_distance(skin_a))
-            } else {
-                half_space.block_between(&foot, other)
-            };
-            block * force
-        };
         let before = pair.displacement_of_b(contact.control_point as usize, &contact.weights_b);
-        scratch.feet.push(before * alpha + scratch.pushes.iter().map(moved).sum::<Vec3>() * (1.0 - alpha));
+        let moved = pair.elastic.tensor_row(1, i).map_or_else(Vec3::zeros, |row| turn.tr_mul(&product(row, &scratch.pushes)));
+        scratch.feet.push(before * alpha + moved);
     }
-    displace(&mut pair.side_b, skin_b, scratch, dt);
+    decay(&mut pair.side_b, alpha);
+    scratch.hold(skin_b.surface.control.len(), std::iter::empty());
+    follow(&mut pair.side_b, skin_b, scratch, alpha);
     pair.beyond.clear();
     for (contact, u) in patch.iter().zip(&scratch.feet) {
         let c = contact.control_point as usize;
@@ -172,7 +178,34 @@ fn displace_feet(
     }
 }
 
+/// A row of tensors times the forces (N) of the contacts, m.
+fn product(row: &[Mat3], forces: &[Vec3]) -> Vec3 {
+    // Two independent sums: one alone would wait for its own last addition.
+    let mut sums = [Vec3::zeros(); 2];
+    for (k, (block, force)) in row.iter().zip(forces).enumerate() {
+        sums[k % 2] += block.column(0) * force.x + block.column(1) * force.y + block.column(2) * force.z;
+    }
+    sums[0] + sums[1]
+}
+
 impl Scratch {
+    /// Notes which control points are not to be followed from afar.
+    fn hold(&mut self, control_points: usize, held: impl Iterator<Item = usize>) {
+        for &c in &self.held {
+            self.is_held[c as usize] = false;
+        }
+        self.held.clear();
+        if self.is_held.len() < control_points {
+            self.is_held.resize(control_points, false);
+        }
+        for c in held {
+            if !self.is_held[c] {
+                self.is_held[c] = true;
+                self.held.push(c as u32);
+            }
+        }
+    }
+
     /// Sums the forces on each control point.
     fn load(&mut self, control_points: usize, pushes: impl Iterator<Item = (usize, Vec3)>) {
         for &c in &self.loaded {
@@ -196,43 +229,60 @@ impl Scratch {
     }
 }
 
-/// `u <- alpha u + (1 - alpha) K^-1 f` at every control point that a loaded one reaches.
-fn displace(side: &mut PatchSide, skin: &Skin, scratch: &Scratch, dt: Real) {
-    let alpha = skin.memory(dt);
+/// `u <- alpha u`.
+fn decay(side: &mut PatchSide, alpha: Real) {
     for &c in &side.active {
         side.displacement[c as usize] *= alpha;
     }
-    match &skin.compliance {
-        Compliance::Local(local) => {
-            for &j in &scratch.loaded {
-                let force = scratch.force[j as usize] * (1.0 - alpha);
-                // G is symmetric: the row of j lists whom j reaches.
-                for e in local.neighbours.range(j as usize) {
-                    let i = local.neighbours.index[e] as usize;
-                    side.touch(i);
-                    side.displacement[i] += force * local.values[e];
-                }
-            }
+}
+
+/// `u <- alpha u + (1 - alpha) K^-1 f` at every control point that a loaded one reaches.
+fn displace_local(side: &mut PatchSide, local: &LocalCompliance, alpha: Real, scratch: &Scratch) {
+    decay(side, alpha);
+    for &j in &scratch.loaded {
+        let force = scratch.force[j as usize] * (1.0 - alpha);
+        // G is symmetric: the row of j lists whom j reaches.
+        for e in local.neighbours.range(j as usize) {
+            let i = local.neighbours.index[e] as usize;
+            side.touch(i);
+            side.displacement[i] += force * local.values[e];
         }
-        Compliance::HalfSpace(half_space) => {
-            // A half-space reaches everywhere; followed are the loaded control points and their neighbours, and whatever was.
-            for &j in &scratch.loaded {
-                side.touch(j as usize);
-                for &i in skin.surface.leaf_neighbours.row(j as usize) {
-                    side.touch(i as usize);
+    }
+    forget_small(side);
+}
+
+/// Adds `(1 - alpha) K^-1 f` to the displacement of the control points that are not held by the scratch: those that loaded ones reach, and whatever is displaced.
+fn follow(side: &mut PatchSide, skin: &Skin, scratch: &Scratch, alpha: Real) {
+    if side.afar.renew(scratch) {
+        for &j in &scratch.loaded {
+            match &skin.compliance {
+                Compliance::Matrix(matrix) => {
+                    (0..matrix.control_points()).filter(|&i| matrix.reaches(i, j as usize)).for_each(|i| side.touch(i));
                 }
-            }
-            for t in 0..side.active.len() {
-                let i = side.active[t] as usize;
-                let moved: Vec3 = scratch
-                    .loaded
-                    .iter()
-                    .map(|&j| half_space.block(&skin.surface.control, i, j as usize) * scratch.force[j as usize])
-                    .sum();
-                side.displacement[i] += moved * (1.0 - alpha);
+                // A half-space reaches everywhere; followed are the loaded control points and their neighbours, and whatever was.
+                _ => std::iter::once(&j).chain(skin.surface.leaf_neighbours.row(j as usize)).for_each(|&i| side.touch(i as usize)),
             }
         }
     }
+    for &i in side.active.iter().filter(|&&i| !scratch.is_held[i as usize]) {
+        let (i, afar) = (i as usize, &mut side.afar);
+        if afar.found[i] != afar.count {
+            afar.found[i] = afar.count;
+            afar.settled[i] = match &skin.compliance {
+                Compliance::Local(_) => Vec3::zeros(),
+                Compliance::HalfSpace(half_space) => {
+                    let moved = |&j: &u32| half_space.block(&skin.surface.control, i, j as usize) * scratch.force[j as usize];
+                    scratch.loaded.iter().map(moved).sum()
+                }
+                Compliance::Matrix(matrix) => matrix.displacement(i, &scratch.loaded, &scratch.force),
+            };
+        }
+        side.displacement[i] += afar.settled[i] * (1.0 - alpha);
+    }
+    forget_small(side);
+}
+
+fn forget_small(side: &mut PatchSide) {
     let (displacement, is_active) = (&mut side.displacement, &mut side.is_active);
     side.active.retain(|&c| {
         let keep = displacement[c as usize].norm_squared() > FORGOTTEN * FORGOTTEN;
@@ -242,6 +292,22 @@ fn displace(side: &mut PatchSide, skin: &Skin, scratch: &Scratch, dt: Real) {
         }
         keep
     });
+}
+
+impl Afar {
+    /// Takes note of the forces. Returns whether they have changed by more than the last digits.
+    fn renew(&mut self, scratch: &Scratch) -> bool {
+        let now = || scratch.loaded.iter().map(|&c| (c, scratch.force[c as usize]));
+        let largest = now().map(|(_, f)| f.amax()).fold(0.0, Real::max);
+        let close = |((c, f), (d, g)): ((u32, Vec3), &(u32, Vec3))| c == *d && (f - g).amax() <= SAME_FORCE * largest;
+        if self.forces.len() == scratch.loaded.len() && now().zip(&self.forces).all(close) {
+            return false;
+        }
+        self.forces.clear();
+        self.forces.extend(now());
+        self.count += 1;
+        true
+    }
 }
 
 /// Sums the patches of every skin, moves its points and refits its spheres.

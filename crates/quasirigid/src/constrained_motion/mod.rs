@@ -2,11 +2,13 @@
 
 mod deformation;
 pub mod integrate;
+mod slip;
 
 pub use integrate::advance;
 
 use crate::body::BodyEntry;
 use crate::collision::{Contact, Pair};
+use crate::contact_problem::ContactProblem;
 use crate::free_motion::{FreeMotion, StepContext, is_sound};
 use crate::math::{Vec3, Vec6};
 use crate::params::Parameters;
@@ -30,11 +32,13 @@ pub fn constrained_motion(
     bodies: &mut [BodyEntry],
     pairs: &mut [Pair],
     contacts: &[Contact],
-    reactions: &[Vec3],
+    problem: &ContactProblem,
     free: &[FreeMotion],
     context: &StepContext,
     params: &Parameters,
 ) {
+    let reactions = &problem.reactions;
+    slip::remember(pairs, contacts, problem, context.dt);
     deformation::remember(&mut scratch.deformation, pairs, bodies, contacts, reactions, params);
     generalized_forces(&mut scratch.forces, bodies, contacts, reactions);
     scratch.quarantined.clear();

@@ -11,6 +11,7 @@ use crate::body::Skin;
 use crate::collision::Contact;
 use crate::math::{Mat3, Real};
 use crate::surface::{Compliance, Loaded};
+use std::cmp::Ordering;
 
 const NONE: u32 = u32::MAX;
 
@@ -112,7 +113,6 @@ impl Scratch {
     }
 
     fn fill_row(&mut self, rows: &mut ElasticRows, i: usize, patch: &[Contact], [skin_a, skin_b]: [&Skin; 2]) {
-        let mut has_tensor = false;
         let control_point = patch[i].control_point as usize;
         match &skin_a.compliance {
             Compliance::Local(local) => {
@@ -128,16 +128,25 @@ impl Scratch {
                 }
             }
             Compliance::HalfSpace(half_space) => {
-                has_tensor = true;
                 let control = &skin_a.surface.control;
                 for (j, other) in patch.iter().enumerate() {
-                    let block = if i == j {
-                        half_space.self_block(&control.normals[control_point], patch[i].inverse_distance(skin_a))
-                    } else {
-                        half_space.block(control, control_point, other.control_point as usize)
+                    // A half-space is reciprocal: what lies left of the diagonal is known.
+                    self.tensor[j] = match j.cmp(&i) {
+                        Ordering::Less => rows.mirrored(0, i, j),
+                        Ordering::Equal => {
+                            half_space.self_block(&control.normals[control_point], patch[i].inverse_distance(skin_a)) * self.share_a
+                        }
+                        Ordering::Greater => half_space.block(control, control_point, other.control_point as usize) * self.share_a,
                     };
-                    self.tensor[j] = block * self.share_a;
                 }
+                rows.add_tensors(0, &self.tensor);
+            }
+            Compliance::Matrix(matrix) => {
+                for (j, other) in patch.iter().enumerate() {
+                    self.tensor[j] = matrix.block(control_point, other.control_point as usize) * self.share_a;
+                }
+                self.tensor[i] = matrix.self_block(&skin_a.surface.tree, control_point, patch[i].area) * self.share_a;
+                rows.add_tensors(0, &self.tensor);
             }
         }
         match &skin_b.compliance {
@@ -163,18 +172,29 @@ impl Scratch {
                 }
                 self.touched_b.clear();
             }
-            Compliance::HalfSpace(_) if self.used_b.is_empty() => {}
+            Compliance::HalfSpace(_) | Compliance::Matrix(_) if self.used_b.is_empty() => {}
             Compliance::HalfSpace(half_space) => {
-                has_tensor = true;
                 let foot = &self.feet[i];
                 for (j, other) in self.feet.iter().enumerate() {
-                    let block = if i == j {
-                        half_space.self_block(&foot.normal, patch[i].inverse_distance(skin_a))
-                    } else {
-                        half_space.block_between(foot, other)
+                    let turned = |block: Mat3| self.turn * block * self.turn.transpose() * self.share_b;
+                    self.tensor[j] = match j.cmp(&i) {
+                        Ordering::Less => rows.mirrored(1, i, j),
+                        Ordering::Equal => turned(half_space.self_block(&foot.normal, patch[i].inverse_distance(skin_a))),
+                        Ordering::Greater => turned(half_space.block_between(foot, other)),
                     };
-                    self.tensor[j] += self.turn * block * self.turn.transpose() * self.share_b;
                 }
+                rows.add_tensors(1, &self.tensor);
+            }
+            Compliance::Matrix(matrix) => {
+                self.tensor.fill(Mat3::zeros());
+                for (place, &l) in self.used_b.iter().enumerate() {
+                    let moved: Mat3 = patch[i].weights_b.iter().map(|(k, weight)| matrix.block(k, l as usize) * weight).sum();
+                    let moved = self.turn * moved * self.turn.transpose() * self.share_b;
+                    for &(j, weight) in &self.contacts_b[self.contacts_of_b(place)] {
+                        self.tensor[j as usize] += moved * weight;
+                    }
+                }
+                rows.add_tensors(1, &self.tensor);
             }
         }
         self.touched.sort_unstable();
@@ -182,10 +202,6 @@ impl Scratch {
             rows.add_isotropic(j, std::mem::take(&mut self.row[j as usize]));
         }
         self.touched.clear();
-        if has_tensor {
-            rows.add_tensors(&self.tensor);
-            self.tensor.fill(Mat3::zeros());
-        }
         rows.end_row();
     }
 

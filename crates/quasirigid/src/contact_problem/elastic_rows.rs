@@ -18,8 +18,10 @@ pub struct ElasticRows {
     ends: Vec<u32>,
     columns: Vec<u32>,
     values: Vec<Real>,
-    /// All rows of tensors, dense; empty if both sides are isotropic.
-    tensors: Vec<Mat3>,
+    /// Tensors of either side, all rows of all contacts, dense, in the axes of the link of `a`; empty for a side that is isotropic or rigid.
+    tensors: [Vec<Mat3>; 2],
+    /// Changes whenever the rows are filled anew.
+    serial: u64,
 }
 
 impl ElasticRows {
@@ -30,7 +32,7 @@ impl ElasticRows {
             && self.contacts.len() == patch.len()
             && self.ends.len() == patch.len()
             && patch.iter().zip(&self.contacts).all(same)
-            && (self.tensors.is_empty() || (self.turn - turn).amax() < SAME_TURN)
+            && (self.tensors.iter().all(Vec::is_empty) || (self.turn - turn).amax() < SAME_TURN)
     }
 
     /// Holds for no patch until it is filled anew.
@@ -39,14 +41,16 @@ impl ElasticRows {
         self.ends.clear();
     }
 
-    pub(super) fn start(&mut self, patch: &[Contact], turn: &Mat3, dt: Real) {
+    /// Starts to fill the rows of `patch` anew; `serial` is a number that was never used before.
+    pub(super) fn start(&mut self, patch: &[Contact], turn: &Mat3, dt: Real, serial: u64) {
+        self.serial = serial;
         self.contacts.clear();
         self.contacts.extend(patch.iter().map(|contact| (contact.control_point, contact.area)));
         (self.turn, self.dt) = (*turn, dt);
         self.ends.clear();
         self.columns.clear();
         self.values.clear();
-        self.tensors.clear();
+        self.tensors.iter_mut().for_each(Vec::clear);
     }
 
     pub(super) fn add_isotropic(&mut self, j: u32, value: Real) {
@@ -54,8 +58,31 @@ impl ElasticRows {
         self.values.push(value);
     }
 
-    pub(super) fn add_tensors(&mut self, row: &[Mat3]) {
-        self.tensors.extend_from_slice(row);
+    /// A row of side `a` (0) or `b` (1).
+    pub(super) fn add_tensors(&mut self, side: usize, row: &[Mat3]) {
+        self.tensors[side].extend_from_slice(row);
+    }
+
+    /// Transpose of the block in row `j` and column `i` of a side whose row `j` was added already.
+    pub(super) fn mirrored(&self, side: usize, i: usize, j: usize) -> Mat3 {
+        self.tensors[side][j * self.contacts.len() + i].transpose()
+    }
+
+    /// The number that [`ElasticRows::start`] was given.
+    pub(super) fn serial(&self) -> u64 {
+        self.serial
+    }
+
+    /// Rotation from the link of `b` to that of `a` when the rows were filled.
+    pub fn turn(&self) -> &Mat3 {
+        &self.turn
+    }
+
+    /// Row `i` of the compliance over the step of side `a` (0) or `b` (1) between the contacts of the patch, in the axes of the link of `a`, m/N; `None` if that side
+    /// is isotropic or rigid.
+    pub fn tensor_row(&self, side: usize, i: usize) -> Option<&[Mat3]> {
+        let count = self.contacts.len();
+        self.tensors[side].get(i * count..(i + 1) * count).filter(|row| !row.is_empty())
     }
 
     pub(super) fn end_row(&mut self) {
@@ -69,11 +96,10 @@ impl ElasticRows {
         for (j, value) in self.columns[range.clone()].iter().zip(&self.values[range]) {
             w.push_isotropic(first + *j as usize, *value);
         }
-        if !self.tensors.is_empty() {
-            let count = self.contacts.len();
-            for (j, block) in self.tensors[i * count..(i + 1) * count].iter().enumerate() {
-                w.push_tensor(first + j, block);
-            }
+        match (self.tensor_row(0, i), self.tensor_row(1, i)) {
+            (Some(a), Some(b)) => a.iter().zip(b).enumerate().for_each(|(j, (a, b))| w.push_tensor(first + j, &(a + b))),
+            (Some(row), None) | (None, Some(row)) => row.iter().enumerate().for_each(|(j, block)| w.push_tensor(first + j, block)),
+            (None, None) => {}
         }
     }
 }

@@ -14,7 +14,7 @@ use crate::math::{Real, Vec3};
 /// delta_free = gap n + e^T [ d_a - d_b + (alpha_a - 1) u_a - (alpha_b - 1) u_b ]
 /// ```
 ///
-/// `gap` already holds `u_a - u_b`: so the normal row is absolute, the tangential rows are increments of the step.
+/// `gap` is cut where it is an overlap: see [`Contact::solved_gap`]. It already holds `u_a - u_b`: so the normal row is absolute, the tangential rows are increments of the step.
 pub(super) fn delta_free(contact: &Contact, pair: &Pair, bodies: &[BodyEntry], free: &[FreeMotion], dt: Real) -> Vec3 {
     let (a, b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
     let d_a = a.free_displacement(&free[pair.a as usize], &contact.point);
@@ -26,6 +26,6 @@ pub(super) fn delta_free(contact: &Contact, pair: &Pair, bodies: &[BodyEntry], f
     let u_a = pair.side_a.displacement[contact.control_point as usize];
     let u_b = pair.displacement_of_b(contact.control_point as usize, &contact.weights_b);
     let mut delta = contact.frame.transpose() * (d_a - d_b + relaxed(a, u_a) - relaxed(b, u_b));
-    delta.x += contact.gap;
+    delta.x += contact.solved_gap;
     delta
 }

@@ -8,12 +8,12 @@ mod free_gap;
 
 pub use elastic_rows::ElasticRows;
 
-use crate::body::{BodyEntry, pair_friction};
+use crate::body::BodyEntry;
 use crate::collision::{Contact, Pair};
 use crate::error::Result;
 use crate::free_motion::FreeMotion;
-use crate::gauss_seidel::{Assembled, ContactStatus, MatrixFree, NO_BODY};
-use crate::math::{Mat3x6, Real, Vec3};
+use crate::gauss_seidel::{Assembled, ContactStatus, Delassus, MatrixFree, NO_BODY};
+use crate::math::{Mat3, Mat3x6, Real, Vec3};
 use std::time::{Duration, Instant};
 
 /// The problem that Gauss-Seidel solves, and its solution.
@@ -23,7 +23,7 @@ pub struct ContactProblem {
     pub w: MatrixFree,
     /// Gap (normal) and slip (tangents) at the end of the step without reactions, m.
     pub delta_free: Vec<Vec3>,
-    /// Friction coefficient of each contact.
+    /// Friction coefficient of each contact, along its tangent1.
     pub mu: Vec<Real>,
     /// Reactions, N: the warm start on entry to the solver, the solution after.
     pub reactions: Vec<Vec3>,
@@ -39,6 +39,9 @@ pub struct ContactProblem {
     pub deform_time: Duration,
     rigid: Vec<RigidRows>,
     elastic: elastic::Scratch,
+    /// Serial numbers of the elastic rows that `w` holds, patch by patch, and the last one given out.
+    held: Vec<u64>,
+    serial: u64,
 }
 
 /// Rigid part of one contact: `J S` of either side with the slot of its body.
@@ -49,6 +52,31 @@ struct RigidRows {
 }
 
 impl ContactProblem {
+    /// `delta_free` (m) and reactions (N) of the problem that is left when viscous drag is taken for a load: a plain Coulomb problem with the same `W` and `mu`, and the same
+    /// displacements. For export; without drag these are those of the step.
+    pub fn coulomb_part(&self) -> (Vec<Vec3>, Vec<Vec3>) {
+        let (mut delta_free, mut reactions) = (self.delta_free.clone(), self.reactions.clone());
+        let dragged = |i: &usize| self.w.diagonal_block(*i).drag() > 0.0;
+        for j in (0..self.len()).filter(dragged) {
+            let delta = self.w.displacement(j) + self.delta_free[j];
+            reactions[j] = self.w.diagonal_block(j).without_drag(&self.reactions[j], &delta);
+            let drag = self.reactions[j] - reactions[j];
+            for (i, free) in delta_free.iter_mut().enumerate() {
+                *free += self.w.block(i, j) * drag;
+            }
+        }
+        (delta_free, reactions)
+    }
+
+    /// Slip of contact `i` over the step, m: the tangential displacement of the two material points against each other. Exactly 0 where it sticks.
+    pub fn slip(&self, i: usize, contact: &Contact) -> Real {
+        if self.status[i] == ContactStatus::Stick {
+            return 0.0;
+        }
+        let delta = self.w.displacement(i) + self.delta_free[i];
+        delta.y.hypot(delta.z / contact.stretch())
+    }
+
     /// Number of contacts.
     pub fn len(&self) -> usize {
         self.delta_free.len()
@@ -94,34 +122,29 @@ pub fn contact_problem(
 }
 
 fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodies: &[BodyEntry], free: &[FreeMotion], dt: Real) {
-    out.w.clear(bodies.len());
+    let hold = refresh_elastic_rows(out, contacts, pairs, bodies, dt);
+    if hold {
+        out.w.clear_rigid(bodies.len());
+    } else {
+        out.w.clear(bodies.len());
+    }
     out.delta_free.clear();
     out.mu.clear();
     out.reactions.clear();
     out.foretold = false;
     out.status.clear();
     out.status.resize(contacts.len(), ContactStatus::Open);
-    (out.rigid_time, out.deform_time) = (Duration::ZERO, Duration::ZERO);
-    // Rows of a pair that has lost touch are not those of the contacts that it may find later.
-    for (index, pair) in pairs.iter_mut().enumerate() {
-        if contacts.binary_search_by_key(&(index as u32), |contact| contact.pair).is_err() {
-            pair.elastic.forget();
-        }
-    }
+    out.rigid_time = Duration::ZERO;
     let mut first = 0;
-    while first < contacts.len() {
-        let index = contacts[first].pair;
-        let end = contacts[first..].iter().position(|c| c.pair != index).map_or(contacts.len(), |count| first + count);
+    for patch in contacts.chunk_by(|c, d| c.pair == d.pair) {
         let start = Instant::now();
-        let patch = &contacts[first..end];
-        let pair = &mut pairs[index as usize];
+        let pair = &pairs[patch[0].pair as usize];
         let (entry_a, entry_b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
-        if let (Some(skin_a), Some(skin_b)) = (entry_a.active_skin(), entry_b.active_skin()) {
-            let mu = pair_friction(&skin_a.material, &skin_b.material);
+        if entry_a.active_skin().is_some() && entry_b.active_skin().is_some() {
             out.rigid.clear();
             for contact in patch {
                 out.delta_free.push(free_gap::delta_free(contact, pair, bodies, free, dt));
-                out.mu.push(mu);
+                out.mu.push(coefficient(contact, pair, [entry_a, entry_b]));
                 let warm_start = warm_start(pair, contact.control_point as usize);
                 out.foretold |= warm_start != pair.reaction[contact.control_point as usize];
                 out.reactions.push(warm_start);
@@ -130,23 +153,74 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodi
                     b: rigid_rows(contact, pair.b, entry_b, &free[pair.b as usize], -1.0),
                 });
             }
-            let elastic_axes = entry_a.body.link_pose(entry_a.skin_link).rotation.to_rotation_matrix().into_inner().transpose();
+            let elastic_axes = axes(entry_a).transpose();
             let prepared = Instant::now();
             out.rigid_time += prepared - start;
-            let axes_b = entry_b.body.link_pose(entry_b.skin_link).rotation.to_rotation_matrix().into_inner();
-            let turn = elastic_axes * axes_b;
-            if !pair.elastic.hold_for(patch, &turn, dt) {
-                pair.elastic.start(patch, &turn, dt);
-                out.elastic.fill_rows(&mut pair.elastic, patch, [skin_a, skin_b], &turn, &axes_b.transpose(), dt);
-            }
+            // c A v as a force per displacement over the step.
+            let drag = pair.friction.viscous_coefficient() / dt;
             for (i, (contact, RigidRows { a, b })) in patch.iter().zip(&out.rigid).enumerate() {
                 out.w.push_contact(a.0, &a.1, b.0, &b.1, &(elastic_axes * contact.frame));
-                pair.elastic.push_row(&mut out.w, i, first);
+                if drag > 0.0 {
+                    out.w.set_drag(drag * contact.area);
+                }
+                if !hold {
+                    pair.elastic.push_row(&mut out.w, i, first);
+                }
             }
             out.deform_time += prepared.elapsed();
         }
-        first = end;
+        first += patch.len();
     }
+}
+
+/// `mu` of one contact, at the slip speed that it had at the end of the last step.
+fn coefficient(contact: &Contact, pair: &Pair, bodies: [&BodyEntry; 2]) -> Real {
+    pair.friction.constant().unwrap_or_else(|| {
+        let speed = pair.slip_speed.get(contact.control_point as usize).copied().unwrap_or(0.0);
+        let [turn_a, turn_b] = bodies.map(axes);
+        pair.friction.coefficient(&contact.frame, speed, [&turn_a, &turn_b])
+    })
+}
+
+/// Brings the elastic rows of every pair in touch up to date. Returns whether the operator of the last step holds these very rows.
+fn refresh_elastic_rows(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodies: &[BodyEntry], dt: Real) -> bool {
+    let start = Instant::now();
+    // Rows of a pair that has lost touch are not those of the contacts that it may find later.
+    for (index, pair) in pairs.iter_mut().enumerate() {
+        if contacts.binary_search_by_key(&(index as u32), |contact| contact.pair).is_err() {
+            pair.elastic.forget();
+        }
+    }
+    let (mut same, mut patches) = (true, 0);
+    for patch in contacts.chunk_by(|c, d| c.pair == d.pair) {
+        let pair = &mut pairs[patch[0].pair as usize];
+        let (entry_a, entry_b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
+        let (Some(skin_a), Some(skin_b)) = (entry_a.active_skin(), entry_b.active_skin()) else { continue };
+        let axes_b = axes(entry_b);
+        let turn = axes(entry_a).transpose() * axes_b;
+        if !pair.elastic.hold_for(patch, &turn, dt) {
+            out.serial += 1;
+            pair.elastic.start(patch, &turn, dt, out.serial);
+            out.elastic.fill_rows(&mut pair.elastic, patch, [skin_a, skin_b], &turn, &axes_b.transpose(), dt);
+        }
+        let serial = pair.elastic.serial();
+        if let Some(held) = out.held.get_mut(patches) {
+            same &= std::mem::replace(held, serial) == serial;
+        } else {
+            out.held.push(serial);
+            same = false;
+        }
+        patches += 1;
+    }
+    same &= out.held.len() == patches;
+    out.held.truncate(patches);
+    out.deform_time = start.elapsed();
+    same
+}
+
+/// Rotation from the link that carries the surface to the world.
+fn axes(entry: &BodyEntry) -> Mat3 {
+    entry.body.link_pose(entry.skin_link).rotation.to_rotation_matrix().into_inner()
 }
 
 /// The reaction that a control point would have if it changed as it did in the last step.

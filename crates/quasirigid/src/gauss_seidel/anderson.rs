@@ -14,7 +14,6 @@
 // Small dense algebra reads best with its indices.
 #![allow(clippy::needless_range_loop)]
 
-use super::residual::project_on_cone;
 use crate::math::{Real, Vec3};
 
 /// Sweeps remembered. 5 needs up to 20 % more sweeps on half-space pads, 16 up to 25 % fewer, at twice the cost of a step.
@@ -65,8 +64,9 @@ impl Anderson {
         &self.last_image[..n]
     }
 
-    /// `before` went into a sweep and `f` came out of it. Extrapolates `f` (N) if there is enough to go by, and says whether it did.
-    pub(super) fn extrapolate(&mut self, before: &[Vec3], f: &mut [Vec3], mu: &[Real]) -> bool {
+    /// `before` went into a sweep and `f` came out of it. Extrapolates `f` (N) if there is enough to go by, and says whether it did. `feasible` puts the reaction of a
+    /// contact back to where it may be.
+    pub(super) fn extrapolate(&mut self, before: &[Vec3], f: &mut [Vec3], feasible: impl Fn(usize, &Vec3) -> Vec3) -> bool {
         let first = !self.started;
         if !first {
             self.remember_change(before, f);
@@ -93,8 +93,8 @@ impl Anderson {
                 *f -= dg * gamma[k];
             }
         }
-        for (f, mu) in f.iter_mut().zip(mu) {
-            *f = project_on_cone(f, *mu);
+        for (i, f) in f.iter_mut().enumerate() {
+            *f = feasible(i, f);
         }
         true
     }
@@ -172,7 +172,7 @@ mod tests {
         for _ in 0..9 {
             let before = x.clone();
             x = image(&before);
-            anderson.extrapolate(&before, &mut x, &[0.0; 6]);
+            anderson.extrapolate(&before, &mut x, |_, x| *x);
         }
         for (x, a) in x.iter().zip(rates) {
             let error = (x.x * (1.0 - a) - 1.0).abs();

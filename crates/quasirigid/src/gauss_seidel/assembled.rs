@@ -1,10 +1,15 @@
 //! The Delassus operator as a sparse matrix of 3x3 blocks: for tests, export, and problems that come from elsewhere.
 
+use super::block_lu::BlockPattern;
 use super::contact_solve::ContactBlock;
 use super::delassus::Delassus;
 use super::matrix_free::MatrixFree;
 use crate::error::{Error, Result, check_finite};
 use crate::math::{Mat3, Real, Vec3};
+use std::sync::OnceLock;
+
+/// Factors that cost more than this many products with the matrix are not worth it where a Krylov method would do.
+const DEAR_FACTORS: Real = 200.0;
 
 /// `W` (m/N) in block rows, with the reactions it is applied to.
 ///
@@ -17,6 +22,7 @@ pub struct Assembled {
     values: Vec<Mat3>,
     blocks: Vec<ContactBlock>,
     reactions: Vec<Vec3>,
+    pattern: OnceLock<BlockPattern>,
 }
 
 impl Assembled {
@@ -54,7 +60,7 @@ impl Assembled {
                 )
             })?);
         }
-        Ok(Self { starts, columns, values, blocks, reactions: vec![Vec3::zeros(); n] })
+        Ok(Self { starts, columns, values, blocks, reactions: vec![Vec3::zeros(); n], pattern: OnceLock::new() })
     }
 
     /// From all `n x n` blocks, row by row; blocks that are zero are left out.
@@ -73,7 +79,11 @@ impl Assembled {
     /// # Errors
     /// As [`Assembled::from_block_rows`].
     pub fn from_matrix_free(w: &MatrixFree) -> Result<Self> {
-        Self::gather(w.len(), |i, j| (i == j || w.is_coupled(i, j)).then(|| w.block(i, j)))
+        let mut assembled = Self::gather(w.len(), |i, j| (i == j || w.is_coupled(i, j)).then(|| w.block(i, j)))?;
+        for (i, block) in assembled.blocks.iter_mut().enumerate() {
+            block.set_drag(w.diagonal_block(i).drag());
+        }
+        Ok(assembled)
     }
 
     fn gather(n: usize, block: impl Fn(usize, usize) -> Option<Mat3>) -> Result<Self> {
@@ -103,6 +113,11 @@ impl Assembled {
         Some(&self.values[row.start + found])
     }
 
+    /// The order of elimination for factors of this matrix; found at the first call.
+    pub(super) fn pattern(&self) -> &BlockPattern {
+        self.pattern.get_or_init(|| BlockPattern::new(self))
+    }
+
     /// The rows and columns of `contacts`, which rise. All reactions are zero.
     pub(super) fn part(&self, contacts: &[usize]) -> Self {
         let mut part = Self { starts: vec![0], reactions: vec![Vec3::zeros(); contacts.len()], ..Self::default() };
@@ -117,6 +132,23 @@ impl Assembled {
             part.blocks.push(self.blocks[i]);
         }
         part
+    }
+
+    /// The matrix times a factor > 0, with no reactions.
+    pub(super) fn scaled(&self, factor: Real) -> Option<Self> {
+        let values = self.values.iter().map(|w| w * factor).collect();
+        Self::from_block_rows(self.starts.clone(), self.columns.clone(), values).ok()
+    }
+
+    /// The same blocks, each turned into another by its row and column. For its rows only: what [`Delassus`] offers is that of the matrix before.
+    pub(super) fn map(&self, turn: impl Fn(usize, usize, &Mat3) -> Mat3) -> Self {
+        let mut mapped = self.clone();
+        for i in 0..self.len() {
+            for k in self.starts[i]..self.starts[i + 1] {
+                mapped.values[k] = turn(i, self.columns[k] as usize, &self.values[k]);
+            }
+        }
+        mapped
     }
 
     /// The full matrix, `3n x 3n` numbers row by row, m/N. For export.
@@ -160,6 +192,15 @@ impl Delassus for Assembled {
 
     fn add_reaction(&mut self, i: usize, change: &Vec3) {
         self.reactions[i] += change;
+    }
+
+    fn solve_directly(&self, left: &[Mat3], diagonal: &[Mat3], b: &mut [Vec3], late: &dyn Fn() -> bool) -> bool {
+        let pattern = self.pattern();
+        if pattern.cost() > DEAR_FACTORS * 9.0 * self.values.len() as Real {
+            return false;
+        }
+        let factors = pattern.factor(self, left, diagonal, late);
+        factors.as_ref().inspect(|factors| factors.solve(b)).is_some()
     }
 }
 

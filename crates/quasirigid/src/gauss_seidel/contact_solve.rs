@@ -23,8 +23,18 @@
 //!    The root in between is found by Newton's method on `mu f_n / |f_t| - 1`, which is almost a straight line in `s` (exactly
 //!    one if `W` is isotropic in the tangent plane and uncoupled), kept inside a bracket.
 //!
+//! **Drag.** A contact may have a viscous drag `d` (N/m, force per displacement over the step; 0 unless [`ContactBlock::set_drag`] says otherwise) on top, while it slips:
+//!
+//! ```text
+//! |f_t| < mu f_n  =>  delta_t = 0;      delta_t /= 0  =>  f_t = -(mu f_n / |delta_t| + d) delta_t
+//! ```
+//!
+//! With `delta_t = -s f_t` that is `(1 - d s) |f_t| = mu f_n`: the same one unknown, `psi(s) = mu f_n / |f_t| - 1 + d s` with its root in `0 < s <= 1/d`. Implicit: no drag is too
+//! large. If drag alone would lift the contact (`f_n < 0` at `s = 1/d`), it just touches, `f_n = 0 = delta_n`, and drags by the share that leaves it there.
+//!
 //! A single contact with strong coupling may have more than one solution (Painleve). The order above then decides: open before stick before slip.
 
+use super::residual::project_on_cone;
 use crate::math::{Mat3, Real, Vec3};
 
 /// What a contact does over the step.
@@ -40,7 +50,7 @@ pub enum ContactStatus {
     Slip = 2,
 }
 
-/// The diagonal block `W_ii` of one contact, prepared for [`ContactBlock::solve`]. 16 numbers of 8 bytes.
+/// The diagonal block `W_ii` of one contact, prepared for [`ContactBlock::solve`]. 17 numbers of 8 bytes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactBlock {
     /// `W_ii`, symmetric part, m/N.
@@ -53,6 +63,8 @@ pub struct ContactBlock {
     coupling: [Real; 2],
     /// Eigenvalues of `Wt`, m/N.
     eigenvalues: [Real; 2],
+    /// Viscous drag `d`, N/m.
+    drag: Real,
 }
 
 /// Newton or bisection steps at most. Newton alone takes 2 to 6; bisection alone would need about 60 for the last bit.
@@ -87,7 +99,34 @@ impl ContactBlock {
             return None;
         }
         let coupling = [cosine * n1 + sine * n2, -sine * n1 + cosine * n2];
-        Some(Self { w, inverse_nn, axis: [cosine, sine], coupling, eigenvalues })
+        Some(Self { w, inverse_nn, axis: [cosine, sine], coupling, eigenvalues, drag: 0.0 })
+    }
+
+    /// Sets the viscous drag `d >= 0`, N/m. It acts while the contact slips; reactions hold it then and may lie outside the cone of `mu`.
+    pub fn set_drag(&mut self, drag: Real) {
+        self.drag = drag;
+    }
+
+    /// The viscous drag `d`, N/m.
+    pub fn drag(&self) -> Real {
+        self.drag
+    }
+
+    /// The reaction (N) that is nearest to `f` among those that the contact can have: in its cone, or not pulling if it has a drag.
+    pub fn feasible(&self, f: &Vec3, mu: Real) -> Vec3 {
+        if self.drag == 0.0 { project_on_cone(f, mu) } else { Vec3::new(f.x.max(0.0), f.y, f.z) }
+    }
+
+    /// `f` (N) without what is drag in it at the displacement `delta` (m): the part that obeys Coulomb's law.
+    pub fn without_drag(&self, f: &Vec3, delta: &Vec3) -> Vec3 {
+        if self.drag == 0.0 {
+            return *f;
+        }
+        let drag = Vec3::new(0.0, delta.y, delta.z) * self.drag;
+        let size = drag.norm_squared();
+        // Drag in full under pressure; without, whatever share of it is in `f`.
+        let share = if f.x > 0.0 || size == 0.0 { 1.0 } else { (-f.dot(&drag) / size).clamp(0.0, 1.0) };
+        f + drag * share
     }
 
     /// The block, m/N.
@@ -103,11 +142,17 @@ impl ContactBlock {
     /// The reaction (N) of this contact for the displacement `b` (m) that it would have with `f = 0`, and friction coefficient `mu >= 0`.
     #[inline]
     pub fn solve(&self, b: &Vec3, mu: Real) -> (Vec3, ContactStatus) {
+        self.solve_dragged(b, mu, self.drag)
+    }
+
+    /// The same with another drag, N/m.
+    #[inline]
+    pub(super) fn solve_dragged(&self, b: &Vec3, mu: Real, drag: Real) -> (Vec3, ContactStatus) {
         let b_n = b.x;
         if b_n >= 0.0 {
             return (Vec3::zeros(), ContactStatus::Open);
         }
-        if mu == 0.0 {
+        if mu == 0.0 && drag == 0.0 {
             return (Vec3::new(-b_n * self.inverse_nn, 0.0, 0.0), ContactStatus::Slip);
         }
         let [cosine, sine] = self.axis;
@@ -117,7 +162,7 @@ impl ContactBlock {
             [cosine * b.y + sine * b.z - self.coupling[0] * normal_share, -sine * b.y + cosine * b.z - self.coupling[1] * normal_share];
         let f = self.at(&bt, b_n, 0.0);
         let stick = f[0] >= 0.0 && f[1] * f[1] + f[2] * f[2] <= mu * mu * f[0] * f[0];
-        let f = if stick { f } else { self.slip(&bt, b_n, mu) };
+        let f = if stick { f } else { self.slip(&bt, b_n, mu, drag) };
         let status = if stick { ContactStatus::Stick } else { ContactStatus::Slip };
         (Vec3::new(f[0], cosine * f[1] - sine * f[2], sine * f[1] + cosine * f[2]), status)
     }
@@ -129,8 +174,30 @@ impl ContactBlock {
         [-(b_n + self.coupling[0] * f1 + self.coupling[1] * f2) * self.inverse_nn, f1, f2]
     }
 
-    /// The root of `psi(s) = mu f_n(s) / |f_t(s)| - 1` on `s > 0`, and the force there, in the eigenbasis.
-    fn slip(&self, bt: &[Real; 2], b_n: Real, mu: Real) -> [Real; 3] {
+    /// The force with `f_n = 0 = delta_n` and `delta_t = -s f_t`, in the eigenbasis: the larger root of `(lambda_1 + s)(lambda_2 + s) f_n(s) = 0`, a quadratic in `s`.
+    fn touching(&self, bt: &[Real; 2], b_n: Real) -> [Real; 3] {
+        let [l1, l2] = self.eigenvalues;
+        let [g1, g2] = [self.coupling[0] * bt[0], self.coupling[1] * bt[1]];
+        // b_n s^2 + p s + q = 0, b_n < 0
+        let p = b_n * (l1 + l2) - g1 - g2;
+        let q = b_n * l1 * l2 - g1 * l2 - g2 * l1;
+        let root = (p * p - 4.0 * b_n * q).max(0.0).sqrt();
+        let s = (-p - root) / (2.0 * b_n);
+        let [_, f1, f2] = self.at(bt, b_n, s.max(0.0));
+        [0.0, f1, f2]
+    }
+
+    /// The root of `psi(s) = mu f_n(s) / |f_t(s)| - 1 + d s` on `s > 0`, and the force there, in the eigenbasis.
+    fn slip(&self, bt: &[Real; 2], b_n: Real, mu: Real, drag: Real) -> [Real; 3] {
+        if drag > 0.0 {
+            let all_drag = self.at(bt, b_n, 1.0 / drag);
+            if all_drag[0] < 0.0 {
+                return self.touching(bt, b_n);
+            }
+            if mu == 0.0 {
+                return all_drag;
+            }
+        }
         // psi(low) < 0; psi(high) > 0 once high is finite.
         let (mut low, mut high) = (0.0, Real::INFINITY);
         let mut s = 0.0;
@@ -139,7 +206,7 @@ impl ContactBlock {
             let [f_n, f1, f2] = f;
             let squared = f1 * f1 + f2 * f2;
             let length = squared.sqrt();
-            let psi = mu * f_n / length - 1.0;
+            let psi = (mu * f_n / length - 1.0) + drag * s;
             if psi < 0.0 {
                 low = s
             } else {
@@ -149,7 +216,8 @@ impl ContactBlock {
             let (d1, d2) = (-f1 / (self.eigenvalues[0] + s), -f2 / (self.eigenvalues[1] + s));
             let slope = mu
                 * (-(self.coupling[0] * d1 + self.coupling[1] * d2) * self.inverse_nn / length
-                    - f_n * (f1 * d1 + f2 * d2) / (squared * length));
+                    - f_n * (f1 * d1 + f2 * d2) / (squared * length))
+                + drag;
             let newton = s - psi / slope;
             // Newton is quadratic: a step this small leaves an error below the last bit.
             let done = (newton - s).abs() <= 1e-10 * (s + self.eigenvalues[1]);
@@ -166,6 +234,8 @@ impl ContactBlock {
                 break;
             }
         }
+        // Drag widens the cone: |f_t| = mu f_n / (1 - d s).
+        let mu = if drag > 0.0 { mu / (1.0 - drag * s) } else { mu };
         // Exactly on the cone: keep the direction d of the friction, solve w_nn f_n + mu f_n w_nt . d + b_n = 0, set |f_t| = mu f_n.
         let length = f[1].hypot(f[2]);
         let direction = [f[1] / length, f[2] / length];
@@ -223,6 +293,23 @@ mod tests {
             let (f, status) = block.solve(&b, mu);
             let v = violation(&w, &b, mu, &f, status);
             prop_assert!(v < 1e-12, "{status:?}: violation {v:e}");
+        }
+
+        #[test]
+        fn laws_hold_with_drag(
+            w in spd(), b in prop::array::uniform3(-1.0..1.0f64), mu in prop_oneof![Just(0.0), 0.0..2.0f64], drag in -3.0..3.0f64,
+        ) {
+            let b = Vec3::from(b) * 1e-4;
+            let mut block = ContactBlock::new(&w).unwrap();
+            block.set_drag(10f64.powf(drag) * block.rho());
+            let (f, status) = block.solve(&b, mu);
+            let delta = w * f + b;
+            let coulomb = block.without_drag(&f, &delta);
+            prop_assert!((coulomb - f).norm() <= block.drag() * delta.norm() * (1.0 + 1e-9) + 1e-12 * f.norm(), "more drag than there is");
+            prop_assert!(status != ContactStatus::Stick || f == ContactBlock::new(&w).unwrap().solve(&b, mu).0, "drag while stuck");
+            // What is left without drag obeys Coulomb's law at the displacement that the whole makes.
+            let map = super::super::natural_map(&delta, &coulomb, mu, block.rho());
+            prop_assert!(map.norm() <= 1e-9 * (f.norm() + block.rho() * b.norm()), "{status:?}: natural map {:e} of {:e}", map.norm(), f.norm());
         }
 
         #[test]

@@ -1,7 +1,7 @@
 //! What the solver needs to know of the Delassus operator `W` (m/N): a diagonal block, a row, and a place to put a changed reaction.
 
 use super::contact_solve::ContactBlock;
-use crate::math::Vec3;
+use crate::math::{Mat3, Vec3};
 
 /// The Delassus operator with the reactions it is applied to. It maps contact forces to relative displacements at the contacts,
 /// all in contact frames (normal, tangent1, tangent2).
@@ -28,4 +28,12 @@ pub trait Delassus {
 
     /// `f_i += change`, N.
     fn add_reaction(&mut self, i: usize, change: &Vec3);
+
+    /// Replaces `b` (N) by the `d` with `left_i (W d)_i + diagonal_i d_i = b_i`, if this operator has factors for that and they are cheap; says whether it did.
+    /// `late` is asked while that goes on, and ends it.
+    /// `left` in N/m, `diagonal` without unit. Newton's method falls back on products with `W` otherwise.
+    fn solve_directly(&self, left: &[Mat3], diagonal: &[Mat3], b: &mut [Vec3], late: &dyn Fn() -> bool) -> bool {
+        let _ = (left, diagonal, b, late);
+        false
+    }
 }

@@ -15,11 +15,14 @@ pub(super) struct DenseLu {
 }
 
 impl DenseLu {
-    /// `None` if a pivot is zero or not finite.
-    pub(super) fn new(mut a: DMatrix<Real>) -> Option<Self> {
+    /// `None` if a pivot is zero or not finite, or if `late`, asked before every panel, says that there is no time left.
+    pub(super) fn new(mut a: DMatrix<Real>, late: &dyn Fn() -> bool) -> Option<Self> {
         let n = a.nrows();
         let mut exchanges = Vec::with_capacity(n);
         for start in (0..n).step_by(PANEL) {
+            if late() {
+                return None;
+            }
             let end = (start + PANEL).min(n);
             for k in start..end {
                 let pivot = k + a.view((k, k), (n - k, 1)).column(0).iamax();
@@ -96,11 +99,11 @@ mod tests {
             });
             let x = DVector::from_fn(n, |i, _| 1.0 + i as Real);
             let mut b = &a * &x;
-            DenseLu::new(a).unwrap().solve(&mut b);
+            DenseLu::new(a, &|| false).unwrap().solve(&mut b);
             let error = (&b - &x).norm() / x.norm();
             assert!(error < 1e-10, "{n} unknowns: {error:e}");
         }
-        assert!(DenseLu::new(DMatrix::zeros(3, 3)).is_none());
-        assert!(DenseLu::new(DMatrix::from_element(2, 2, Real::NAN)).is_none());
+        assert!(DenseLu::new(DMatrix::zeros(3, 3), &|| false).is_none());
+        assert!(DenseLu::new(DMatrix::from_element(2, 2, Real::NAN), &|| false).is_none());
     }
 }

@@ -14,17 +14,15 @@
 //! the normal row, a step solves
 //!
 //! ```text
-//! (G A + Theta) dx = -y + m x^-1 + G p,     dy = G (A dx - p)
+//! (A + G^-1 Theta) dx = G^-1 (m x^-1 - y) + p,     dy = G (A dx - p)
 //! ```
 //!
-//! where `p` is by how much the first equation fails and `Theta x = y`. The matrix is full and is factored as it is: the cost is that of a few dozen factorisations.
+//! where `p` is by how much the first equation fails and `Theta x = y`. The matrix is that of the problem with other blocks on its diagonal, and is factored as it is ([`super::block_lu`]).
 
 use super::assembled::Assembled;
 use super::delassus::Delassus;
-use super::dense_lu::DenseLu;
 use super::residual::{natural_map, project_on_cone};
 use crate::math::{Mat3, Real, Vec3};
-use nalgebra::{DMatrix, DVector};
 
 /// Steps at most. Most problems take 25 to 40.
 const STEPS: u32 = 60;
@@ -63,7 +61,7 @@ pub(super) fn interior_point(
     goal: Real,
     hold: Real,
     steps: u32,
-    late: impl Fn() -> bool,
+    late: &dyn Fn() -> bool,
 ) -> Outcome {
     let n = mu.len();
     let mut outcome = Outcome { error: start_error, steps: 0 };
@@ -76,26 +74,23 @@ pub(super) fn interior_point(
     let force = velocity / compliance;
     let friction: Vec<Real> = mu.iter().map(|mu| mu.max(LEAST_FRICTION)).collect();
     let unscaled = |i: usize, z: &Vec3| Vec3::new(z.x / friction[i], z.y, z.z);
-    let mut a = DMatrix::zeros(3 * n, 3 * n);
-    for i in 0..n {
-        for (j, block) in w.row(i) {
-            let mut view = a.fixed_view_mut::<3, 3>(3 * i, 3 * j);
-            view += Mat3::from_fn(|row, column| {
-                let left = if row == 0 { friction[i] } else { 1.0 };
-                let right = if column == 0 { friction[j] } else { 1.0 };
-                block[(row, column)] / (compliance * left * right)
-            });
-        }
-    }
+    // A, with the blocks that W has.
+    let a = w.map(|i, j, block| {
+        Mat3::from_fn(|row, column| {
+            let left = if row == 0 { friction[i] } else { 1.0 };
+            let right = if column == 0 { friction[j] } else { 1.0 };
+            block[(row, column)] / (compliance * left * right)
+        })
+    });
     let b: Vec<Vec3> = (0..n).map(|i| unscaled(i, &q[i]) / velocity).collect();
     let (mut x, mut y) = (vec![Vec3::x(); n], vec![Vec3::x(); n]);
     let mut product = vec![Vec3::zeros(); n];
     let (mut p, mut tangents, mut theta) = (product.clone(), product.clone(), vec![Mat3::zeros(); n]);
     let (mut dx, mut dy) = (product.clone(), product.clone());
     let mut since_best = 0;
-    let mut flat = DVector::zeros(3 * n);
+    let unit = vec![Mat3::identity(); n];
     while outcome.steps < steps.min(STEPS) && since_best < PATIENCE && !late() {
-        multiply(&a, &x, &mut flat, &mut product);
+        multiply(&a, &x, &mut product);
         // The forces as they are now, by the measure that counts.
         let mut error = 0.0;
         for i in 0..n {
@@ -129,30 +124,24 @@ pub(super) fn interior_point(
             unmet += p[i].norm_squared();
         }
         let unmet = (unmet / n as Real).sqrt();
-        // G A + Theta
-        let mut matrix = a.clone();
+        // G^-1 Theta
         for i in 0..n {
             let t = tangents[i];
-            for mut column in matrix.column_iter_mut() {
-                column[3 * i] += t.y * column[3 * i + 1] + t.z * column[3 * i + 2];
-            }
-            let Some(block) = scaling(&x[i], &y[i]) else { return outcome };
+            let Some(mut block) = scaling(&x[i], &y[i]) else { return outcome };
+            let normal = block.row(0) - block.row(1) * t.y - block.row(2) * t.z;
+            block.set_row(0, &normal);
             theta[i] = block;
-            let mut view = matrix.fixed_view_mut::<3, 3>(3 * i, 3 * i);
-            view += block;
         }
-        let Some(factors) = DenseLu::new(matrix) else { return outcome };
-        let mut direction = |target: Real, dx: &mut [Vec3], dy: &mut [Vec3]| {
+        let Some(factors) = w.pattern().factor(&a, &unit, &theta, late) else { return outcome };
+        let direction = |target: Real, dx: &mut [Vec3], dy: &mut [Vec3]| {
             for i in 0..n {
                 let inverse = Vec3::new(x[i].x, -x[i].y, -x[i].z) / determinant(&x[i]);
-                let right = inverse * target - y[i] + p[i] + Vec3::x() * tangents[i].dot(&p[i]);
-                flat.fixed_rows_mut::<3>(3 * i).copy_from(&right);
+                let mut right = inverse * target - y[i];
+                right.x -= tangents[i].dot(&right);
+                dx[i] = right + p[i];
             }
-            factors.solve(&mut flat);
-            for (i, step) in dx.iter_mut().enumerate() {
-                *step = flat.fixed_rows::<3>(3 * i).into_owned();
-            }
-            multiply(&a, dx, &mut flat, dy);
+            factors.solve(dx);
+            multiply(&a, dx, dy);
             for i in 0..n {
                 dy[i] -= p[i];
                 dy[i].x += tangents[i].dot(&dy[i]);
@@ -177,13 +166,9 @@ pub(super) fn interior_point(
 }
 
 /// `A x`.
-fn multiply(a: &DMatrix<Real>, x: &[Vec3], flat: &mut DVector<Real>, product: &mut [Vec3]) {
-    for (i, x) in x.iter().enumerate() {
-        flat.fixed_rows_mut::<3>(3 * i).copy_from(x);
-    }
-    let image = a * &*flat;
+fn multiply(a: &Assembled, x: &[Vec3], product: &mut [Vec3]) {
     for (i, product) in product.iter_mut().enumerate() {
-        *product = image.fixed_rows::<3>(3 * i).into_owned();
+        *product = a.row(i).map(|(j, block)| block * x[j]).sum();
     }
 }
 

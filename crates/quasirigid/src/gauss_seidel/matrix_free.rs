@@ -53,6 +53,10 @@ pub struct MatrixFree {
     tensor_starts: Vec<u32>,
     tensor_columns: Vec<u32>,
     tensor_values: Vec<Mat3>,
+    /// Contacts with a viscous drag, and the drag, N/m.
+    drags: Vec<(u32, Real)>,
+    /// Whether the elastic rows are those of an earlier time, found to be sound then.
+    rows_kept: bool,
 }
 
 impl MatrixFree {
@@ -61,13 +65,21 @@ impl MatrixFree {
         Self::default()
     }
 
-    /// Forgets all contacts and keeps the memory. `bodies` is the number of body slots that the contacts will use.
-    pub fn clear(&mut self, bodies: usize) {
+    /// Forgets all contacts but keeps their elastic rows: for the same contacts in the same order, given by [`MatrixFree::push_contact`] alone, whose rigid part is new.
+    pub fn clear_rigid(&mut self, bodies: usize) {
         self.contacts.clear();
         self.blocks.clear();
         self.bodies.clear();
         self.bodies.resize(bodies, [0.0; 6]);
         self.forces.clear();
+        self.drags.clear();
+        self.rows_kept = true;
+    }
+
+    /// Forgets all contacts and keeps the memory. `bodies` is the number of body slots that the contacts will use.
+    pub fn clear(&mut self, bodies: usize) {
+        self.clear_rigid(bodies);
+        self.rows_kept = false;
         self.isotropic_starts.clear();
         self.isotropic_columns.clear();
         self.isotropic_values.clear();
@@ -79,11 +91,20 @@ impl MatrixFree {
     /// Adds a contact between body slots `a` and `b` ([`NO_BODY`] for a side that does not move).
     ///
     /// `ja`, `jb`: `J S` of each side in the contact frame, with the sign that makes `ja y_a + jb y_b` the relative displacement (m).
-    /// `axes`: rotation from the contact frame to the elastic axes of the patch; any rotation if there is no elastic row.
+    /// `axes`: from the contact frame to the elastic axes of the patch, a rotation (with a column stretched where friction has a grain); any if there is no elastic row.
     pub fn push_contact(&mut self, a: u32, ja: &Mat3x6, b: u32, jb: &Mat3x6, axes: &Mat3) {
-        self.isotropic_starts.push(self.isotropic_columns.len() as u32);
-        self.tensor_starts.push(self.tensor_columns.len() as u32);
+        if !self.rows_kept {
+            self.isotropic_starts.push(self.isotropic_columns.len() as u32);
+            self.tensor_starts.push(self.tensor_columns.len() as u32);
+        }
         self.contacts.push(Contact { a, b, ja: rows(ja), jb: rows(jb), axes: *axes });
+    }
+
+    /// Gives the contact pushed last a viscous drag, N/m; see [`ContactBlock::set_drag`].
+    pub fn set_drag(&mut self, drag: Real) {
+        if let Some(last) = self.contacts.len().checked_sub(1) {
+            self.drags.push((last as u32, drag));
+        }
     }
 
     /// Entry of the row of the contact pushed last: `g` (m/N) times the force of contact `j`, the same in all directions.
@@ -106,6 +127,9 @@ impl MatrixFree {
     /// The first contact that cannot be solved: its block is not finite and positive definite, or it names a body or a contact that does not exist.
     pub fn finish(&mut self) -> Result<(), usize> {
         let n = self.contacts.len();
+        if self.isotropic_starts.len() != n {
+            return Err(self.isotropic_starts.len().min(n.saturating_sub(1)));
+        }
         self.blocks.clear();
         self.forces.clear();
         self.forces.resize(n, [0.0; 4]);
@@ -115,15 +139,22 @@ impl MatrixFree {
         for i in 0..n {
             let contact = &self.contacts[i];
             let bodies_exist = [contact.a, contact.b].iter().all(|&slot| slot == NO_BODY || (slot as usize) < self.bodies.len());
-            let (isotropic, tensor) = (self.isotropic_row(i), self.tensor_row(i));
-            let columns_exist = isotropic.0.iter().chain(tensor.0).all(|&j| (j as usize) < n);
-            let finite = isotropic.1.iter().all(|g| g.is_finite()) && tensor.1.iter().flat_map(|k| k.iter()).all(|x| x.is_finite());
-            if !(bodies_exist && columns_exist && finite) {
+            if !(bodies_exist && (self.rows_kept || self.row_is_sound(i))) {
                 return Err(i);
             }
             self.blocks.push(ContactBlock::new(&self.block(i, i)).ok_or(i)?);
         }
+        for &(i, drag) in &self.drags {
+            self.blocks[i as usize].set_drag(drag);
+        }
         Ok(())
+    }
+
+    /// Whether the elastic row of contact `i` is finite and names contacts that exist.
+    fn row_is_sound(&self, i: usize) -> bool {
+        let (isotropic, tensor) = (self.isotropic_row(i), self.tensor_row(i));
+        let columns_exist = isotropic.0.iter().chain(tensor.0).all(|&j| (j as usize) < self.contacts.len());
+        columns_exist && isotropic.1.iter().all(|g| g.is_finite()) && tensor.1.iter().flat_map(|k| k.iter()).all(|x| x.is_finite())
     }
 
     /// The block `W_ij` (m/N), put together from its parts. Slow: for the diagonal, for tests and for [`super::Assembled`].

@@ -13,22 +13,27 @@
 
 mod anderson;
 mod assembled;
+mod attempt;
+mod block_lu;
 mod contact_solve;
+mod deadline;
 mod delassus;
 mod dense_lu;
 mod interior_point;
 mod matrix_free;
 mod newton;
 mod parameters;
+mod proximal;
 mod residual;
 mod sweep;
 mod system;
 
 pub use assembled::Assembled;
+pub use attempt::{solve_system, solve_system_until};
 pub use contact_solve::{ContactBlock, ContactStatus};
 pub use delassus::Delassus;
 pub use matrix_free::{MatrixFree, NO_BODY};
 pub use parameters::{Measure, SolveReport, SolverParameters, Stop, check_problem};
 pub use residual::{natural_map, natural_map_residual, project_on_cone, residual_as_given};
 pub use sweep::{Scratch, solve};
-pub use system::{ContactSystem, SystemSolution, solve_system};
+pub use system::{ContactSystem, SystemSolution};

@@ -39,6 +39,9 @@ const FULL_DAMPING: Real = 1.0;
 /// Smallest damping; below it the term is lost in rounding.
 const LEAST_DAMPING: Real = 1e-12;
 
+/// The same for exact steps, which without it would go anywhere along forces that do nothing.
+const LEAST_DIRECT_DAMPING: Real = 1e-9;
+
 /// Step lengths tried.
 const LENGTHS: [Real; 5] = [1.0, 0.5, 0.25, 0.1, 0.03];
 
@@ -54,6 +57,8 @@ pub(super) struct Newton {
     /// Reactions before the step, N.
     before: Vec<Vec3>,
     damping: Real,
+    /// Whether [`Delassus::solve_directly`] is asked before GMRES.
+    pub(super) direct: bool,
 }
 
 impl Newton {
@@ -81,12 +86,12 @@ impl Newton {
         mu: &[Real],
         f: &mut [Vec3],
         limit: Real,
-        late: impl Fn() -> bool,
+        late: &dyn Fn() -> bool,
     ) {
         let n = f.len();
         let residual = residual_about(w, delta_free, mu, f, 0.0, f);
         self.before[..n].copy_from_slice(f);
-        self.find_direction(w, delta_free, mu, f, &late);
+        self.find_direction(w, delta_free, mu, f, late);
         let mut best = (Real::INFINITY, 0.0);
         for length in LENGTHS {
             let moved = self.place(w, f, length);
@@ -103,7 +108,7 @@ impl Newton {
         let (_, length) = best;
         self.place(w, f, length);
         if length == 1.0 {
-            self.damping = (0.1 * self.damping).max(LEAST_DAMPING);
+            self.damping = (0.1 * self.damping).max(if self.direct { LEAST_DIRECT_DAMPING } else { LEAST_DAMPING });
         } else if length < 0.2 {
             self.damping = (10.0 * self.damping).min(FULL_DAMPING);
         }
@@ -123,21 +128,30 @@ impl Newton {
     }
 
     /// Solves `d_i + T_i ((W d)_i - W_ii d_i) = S_i(b_i) - f_i` for `d` by GMRES (Saad and Schultz 1986), from zero.
-    fn find_direction<W: Delassus>(&mut self, w: &mut W, delta_free: &[Vec3], mu: &[Real], f: &[Vec3], late: &impl Fn() -> bool) {
+    fn find_direction<W: Delassus>(&mut self, w: &mut W, delta_free: &[Vec3], mu: &[Real], f: &[Vec3], late: &dyn Fn() -> bool) {
         let n = f.len();
         // The damped contact has block (1 + alpha) W_ii; by scaling, its solution for b is that of W_ii for b / (1 + alpha).
         let softer = 1.0 + self.damping;
         for i in 0..n {
             let block = w.diagonal_block(i);
             let b = (w.displacement(i) + delta_free[i]) / softer - block.matrix() * f[i];
-            let (solution, status) = block.solve(&b, mu[i]);
+            let drag = block.drag() * softer;
+            let (solution, status) = block.solve_dragged(&b, mu[i], drag);
             self.basis[i] = solution - f[i];
-            self.slopes[i] = slope(block.matrix(), &b, mu[i], &solution, status) / softer;
+            self.slopes[i] = slope(block.matrix(), &b, mu[i], drag, &solution, status) / softer;
         }
         self.step[..n].fill(Vec3::zeros());
         let length = norm(&self.basis[..n]);
         if !(length > 0.0 && length.is_finite()) {
             return;
+        }
+        if self.direct {
+            let diagonal: Vec<Mat3> = (0..n).map(|i| Mat3::identity() - self.slopes[i] * w.diagonal_block(i).matrix()).collect();
+            self.step[..n].copy_from_slice(&self.basis[..n]);
+            if w.solve_directly(&self.slopes[..n], &diagonal, &mut self.step[..n], late) {
+                return;
+            }
+            self.step[..n].fill(Vec3::zeros());
         }
         scale(&mut self.basis[..n], 1.0 / length);
         // Column k of the Hessenberg matrix, turned upper triangular by the rotations; `rest` is the right-hand side turned along.
@@ -199,11 +213,14 @@ impl Newton {
 /// ```text
 /// M df + (0, f_t) ds = -db,   v . df = 0      =>      T = M^-1 - u (M^-1 v)^T / (v . u)
 /// ```
-fn slope(w: &Mat3, b: &Vec3, mu: Real, f: &Vec3, status: ContactStatus) -> Mat3 {
+///
+/// With a drag `d` (N/m) the last equation is `(1 - d s) |f_t| = mu f_n`: `v = (-mu |f_t|, (1 - d s) f_t)`, and `d |f_t|^2` is added to `v . u`. Where drag holds the contact
+/// at `f_n = 0` it is `f_n = 0`: `v = (1, 0)`.
+pub(super) fn slope(w: &Mat3, b: &Vec3, mu: Real, drag: Real, f: &Vec3, status: ContactStatus) -> Mat3 {
     match status {
         ContactStatus::Open => Mat3::zeros(),
         ContactStatus::Stick => w.try_inverse().unwrap_or_else(Mat3::zeros),
-        ContactStatus::Slip if mu == 0.0 => Mat3::from_diagonal(&Vec3::new(1.0 / w[(0, 0)], 0.0, 0.0)),
+        ContactStatus::Slip if mu == 0.0 && drag == 0.0 => Mat3::from_diagonal(&Vec3::new(1.0 / w[(0, 0)], 0.0, 0.0)),
         ContactStatus::Slip => {
             let delta = w * f + b;
             let friction = Vec3::new(0.0, f.y, f.z);
@@ -212,8 +229,16 @@ fn slope(w: &Mat3, b: &Vec3, mu: Real, f: &Vec3, status: ContactStatus) -> Mat3 
                 return Mat3::zeros();
             };
             let u = inverse * friction;
-            let v = Vec3::new(-mu * mu * f.x, f.y, f.z);
-            let turn = v.dot(&u);
+            let v = if drag > 0.0 && f.x == 0.0 {
+                Vec3::x()
+            } else if drag > 0.0 {
+                let grip = (1.0 - drag * s).max(0.0);
+                Vec3::new(-mu * friction.norm(), grip * f.y, grip * f.z)
+            } else {
+                Vec3::new(-mu * mu * f.x, f.y, f.z)
+            };
+            let stiffened = if drag > 0.0 && f.x != 0.0 { drag * friction.norm_squared() } else { 0.0 };
+            let turn = v.dot(&u) + stiffened;
             if turn == 0.0 { inverse } else { inverse - u * (inverse * v).transpose() / turn }
         }
     }
@@ -229,7 +254,7 @@ pub(super) fn residual_about<W: Delassus>(w: &W, delta_free: &[Vec3], mu: &[Real
         if damping > 0.0 {
             delta += block.matrix() * (f[i] - centre[i]) * damping;
         }
-        error += natural_map(&delta, &f[i], mu[i], block.rho()).norm_squared();
+        error += natural_map(&delta, &block.without_drag(&f[i], &delta), mu[i], block.rho()).norm_squared();
         force += f[i].norm_squared();
     }
     relative(error, force)
@@ -262,10 +287,12 @@ mod tests {
         fn slope_is_the_derivative_of_the_local_solve(
             d in prop::array::uniform3(0.5..2.0f64), c in prop::array::uniform3(-0.3..0.3f64),
             b in prop::array::uniform3(-1.0..1.0f64), db in prop::array::uniform3(-1.0..1.0f64), mu in prop_oneof![Just(0.0), 0.1..0.9f64],
+            drag in prop_oneof![Just(0.0), 0.1..5.0f64],
         ) {
             let w = Mat3::new(d[0], c[0], c[1], c[0], d[1], c[2], c[1], c[2], d[2]);
             let (b, db) = (Vec3::from(b), Vec3::from(db) * 1e-6);
-            let block = ContactBlock::new(&w).unwrap();
+            let mut block = ContactBlock::new(&w).unwrap();
+            block.set_drag(drag);
             let (f, status) = block.solve(&b, mu);
             let (after, status_after) = block.solve(&(b + db), mu);
             let (before, status_before) = block.solve(&(b - db), mu);
@@ -273,7 +300,7 @@ mod tests {
             if status != status_after || status != status_before || (f.x < 0.05 && status != ContactStatus::Open) {
                 return Ok(());
             }
-            let error = (slope(&w, &b, mu, &f, status) * db * 2.0 + (after - before)).norm() / db.norm();
+            let error = (slope(&w, &b, mu, drag, &f, status) * db * 2.0 + (after - before)).norm() / db.norm();
             prop_assert!(error < 1e-6, "{status:?}: {error:e}");
         }
     }

@@ -67,6 +67,8 @@ pub enum Stop {
     SweepCap,
     /// `time_budget` was used up.
     TimeBudget,
+    /// The caller wanted it to stop ([`super::solve_system_until`]).
+    Interrupted,
     /// A NaN or infinity came up. All reactions are zero and the residual is infinite.
     NonFinite,
 }

@@ -18,10 +18,9 @@
 //!
 //! Sweeps in alternating direction lose to sweeps in one direction everywhere. `docs/solver.md` has the rest of the figures.
 
-use std::time::Instant;
-
 use super::anderson::Anderson;
 use super::contact_solve::ContactStatus;
+use super::deadline::Deadline;
 use super::delassus::Delassus;
 use super::newton::{Newton, residual_about};
 use super::parameters::{Measure, SolveReport, SolverParameters, Stop};
@@ -34,6 +33,15 @@ const PLAIN_SWEEPS: u32 = 8;
 
 /// Sweeps before Newton steps take over. Soft grasps are done by then; a Newton step costs 10 to 20 sweeps.
 const PATIENCE: u32 = 40;
+
+/// Where there is no step to end in time, sweeps are given this many more for as long as the last as many have brought the residual down by [`GOOD_PROGRESS`].
+const STRETCH: u32 = 20;
+
+/// See [`STRETCH`]. From one sweep to the next 0.93.
+const GOOD_PROGRESS: Real = 0.25;
+
+/// Newton steps for a problem from elsewhere; then the caller tries something else.
+const NEWTON_STEPS: u32 = 30;
 
 /// A warm start is improved at least by this factor, even if that is far below the tolerance: errors that the motion of the step feeds again
 /// would otherwise stay just below the tolerance for ever, and a held object would creep by them.
@@ -97,6 +105,21 @@ pub fn solve<W: Delassus>(
     parameters: &SolverParameters,
     scratch: &mut Scratch,
 ) -> SolveReport {
+    solve_until(w, delta_free, mu, f, status, parameters, scratch, Deadline::new(parameters.time_budget, None))
+}
+
+/// [`solve`] with a deadline instead of the time budget of the parameters.
+#[allow(clippy::too_many_arguments)] // one more than `solve`
+pub(super) fn solve_until<W: Delassus>(
+    w: &mut W,
+    delta_free: &[Vec3],
+    mu: &[Real],
+    f: &mut [Vec3],
+    status: &mut [ContactStatus],
+    parameters: &SolverParameters,
+    scratch: &mut Scratch,
+    deadline: Deadline<'_>,
+) -> SolveReport {
     let n = w.len();
     assert!([delta_free.len(), mu.len(), f.len(), status.len()].iter().all(|&length| length == n), "one entry per contact");
     scratch.reserve(n);
@@ -109,7 +132,6 @@ pub fn solve<W: Delassus>(
         f.fill(Vec3::zeros());
     }
     w.set_reactions(f);
-    let deadline = parameters.time_budget.and_then(|budget| Instant::now().checked_add(budget));
     let mut run = Run { w, delta_free, mu, f, status, parameters, deadline, free_force, seen: Real::INFINITY, sweeps: 0, newton_steps: 0 };
     run.sweep_until_patience_ends(scratch).unwrap_or_else(|| run.step_until_done(scratch))
 }
@@ -122,7 +144,7 @@ struct Run<'a, W> {
     f: &'a mut [Vec3],
     status: &'a mut [ContactStatus],
     parameters: &'a SolverParameters,
-    deadline: Option<Instant>,
+    deadline: Deadline<'a>,
     /// Norm of `rho_i delta_free_i`, N.
     free_force: Real,
     /// What tells whether the residual is worth its cost: the change of the last sweep, or the residual as given that its contacts had when it came to them.
@@ -148,8 +170,20 @@ impl<W: Delassus> Run<'_, W> {
         let mut extrapolated = false;
         let mut last_change = Real::INFINITY;
         // A Newton step needs a sweep before and one after it: with less than that left, sweeps are better.
-        let patience = if self.parameters.max_sweeps < PATIENCE + 3 { self.parameters.max_sweeps } else { PATIENCE };
+        let mut patience = if self.parameters.max_sweeps < PATIENCE + 3 { self.parameters.max_sweeps } else { PATIENCE };
+        // The least that was seen, now and some sweeps ago.
+        let (mut least, mut least_before) = (Real::INFINITY, Real::INFINITY);
         while self.sweeps < patience.max(self.parameters.min_sweeps) {
+            if self.parameters.measure == Measure::AsGiven && self.sweeps.is_multiple_of(STRETCH) {
+                // A problem from elsewhere has time: sweeps that get on well may go on.
+                if self.sweeps + STRETCH >= patience
+                    && least <= GOOD_PROGRESS * least_before
+                    && patience + STRETCH + 3 <= self.parameters.max_sweeps
+                {
+                    patience += STRETCH;
+                }
+                least_before = least;
+            }
             let accelerate = self.sweeps >= PLAIN_SWEEPS;
             if accelerate {
                 before.copy_from_slice(self.f);
@@ -165,6 +199,7 @@ impl<W: Delassus> Run<'_, W> {
             }
             let out_of_time = self.out_of_time(0);
             let seen = self.seen;
+            least = least.min(seen);
             if out_of_time.is_some() || (self.sweeps >= self.parameters.min_sweeps && seen <= look_below) {
                 let residual = self.residual();
                 if self.converged(residual) {
@@ -185,7 +220,8 @@ impl<W: Delassus> Run<'_, W> {
                     anderson.restart();
                     extrapolated = false;
                 } else {
-                    extrapolated = anderson.extrapolate(before, self.f, self.mu);
+                    let (w, mu) = (&*self.w, self.mu);
+                    extrapolated = anderson.extrapolate(before, self.f, |i, f| w.diagonal_block(i).feasible(f, mu[i]));
                     last_change = change;
                     if extrapolated && self.force() > LARGEST_FORCE * self.free_force {
                         self.f.copy_from_slice(anderson.last_image(n));
@@ -203,6 +239,7 @@ impl<W: Delassus> Run<'_, W> {
     fn step_until_done(&mut self, scratch: &mut Scratch) -> SolveReport {
         let Scratch { newton, before, .. } = scratch;
         newton.restart();
+        newton.direct = self.parameters.measure == Measure::AsGiven;
         let tolerance = self.parameters.tolerance;
         // A feasible state to come back to, should the steps lead nowhere before time is up. The sweep makes it one: an extrapolation may have come last.
         self.sweep();
@@ -210,14 +247,14 @@ impl<W: Delassus> Run<'_, W> {
         let before = &mut before[..self.f.len()];
         before.copy_from_slice(self.f);
         loop {
-            if self.out_of_time(1).is_none() {
+            let given_up = self.parameters.measure == Measure::AsGiven && self.newton_steps >= NEWTON_STEPS;
+            if self.out_of_time(1).is_none() && !given_up {
                 let deadline = self.deadline;
-                let late = || deadline.is_some_and(|deadline| Instant::now() >= deadline);
-                newton.advance(self.w, self.delta_free, self.mu, self.f, LARGEST_FORCE * self.free_force, late);
+                newton.advance(self.w, self.delta_free, self.mu, self.f, LARGEST_FORCE * self.free_force, &|| deadline.passed());
                 self.newton_steps += 1;
                 self.sweeps += 1;
             }
-            let out_of_time = self.out_of_time(1);
+            let out_of_time = self.out_of_time(1).or(given_up.then_some(Stop::SweepCap));
             if out_of_time.is_some() || self.residual() <= 0.5 * tolerance {
                 if !self.sweep().is_finite() {
                     return self.give_up();
@@ -303,8 +340,8 @@ impl<W: Delassus> Run<'_, W> {
 
     /// Why to stop here, if `kept` sweeps are to be left.
     fn out_of_time(&self, kept: u32) -> Option<Stop> {
-        if self.deadline.is_some_and(|deadline| Instant::now() >= deadline) {
-            Some(Stop::TimeBudget)
+        if let Some(stop) = self.deadline.reason() {
+            Some(stop)
         } else if self.sweeps + kept >= self.parameters.max_sweeps {
             Some(Stop::SweepCap)
         } else {

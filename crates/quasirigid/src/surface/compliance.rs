@@ -1,14 +1,17 @@
 //! Compliance of a surface between its control points: how far point `i` gives under a force at point `j` (design 3.3).
 //!
-//! Two models. Both are symmetric positive semidefinite, constant in the body's frame, and hold the *static* compliance `K^-1` (m/N).
+//! Two models and a user's own matrix. All are symmetric positive semidefinite, constant in the body's frame, and hold the *static* compliance `K^-1` (m/N).
 //! Damping proportional to stiffness, `D = tau K`, makes the compliance over one step `C = (K + D/dt)^-1 = K^-1 (1 - alpha)` with
 //! `alpha = tau/(tau + dt)`, and the elastic displacement that would be left without force `u_free = alpha u_previous`.
 
 use crate::math::{Mat3, Real, Vec3};
+use crate::surface::compliance_matrix::ComplianceMatrix;
 use crate::surface::control_points::ControlPoints;
 use crate::surface::neighbours::NeighbourGrid;
 use crate::surface::surface_model::Rows;
+use nalgebra::DMatrix;
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// The Gaussian of the local model is cut here, in widths sigma: exp(-6.25) = 0.002 of its peak. What is cut off stays well
 /// below the local share on the diagonal, so the operator stays positive definite.
@@ -21,6 +24,8 @@ pub enum Compliance {
     Local(LocalCompliance),
     /// The surface Green's function of an elastic half-space.
     HalfSpace(HalfSpaceCompliance),
+    /// A matrix that the user supplied.
+    Matrix(Arc<ComplianceMatrix>),
 }
 
 /// Local model: `u_i = sum_j G_ij f_j`, the same in all directions.
@@ -53,7 +58,25 @@ impl Compliance {
             }
             // Centre of a uniformly loaded disc.
             Self::HalfSpace(half_space) => (1.0 - half_space.poisson_ratio) * (area / PI).sqrt() / half_space.shear_modulus,
+            Self::Matrix(matrix) => matrix.give(control, area),
         }
+    }
+
+    /// The whole static compliance as a matrix (3n x 3n, m/N), ordered as [`ComplianceMatrix`] has it: to look at, or to change and bring back.
+    pub fn assembled(&self, control: &ControlPoints) -> DMatrix<Real> {
+        let n = control.len();
+        let block = |i: usize, j: usize| match self {
+            Self::Local(local) => Mat3::identity() * local.value(i, j),
+            Self::HalfSpace(half_space) => half_space.block(control, i, j),
+            Self::Matrix(matrix) => *matrix.block(i, j),
+        };
+        let mut assembled = DMatrix::zeros(3 * n, 3 * n);
+        for j in 0..n {
+            for i in 0..n {
+                assembled.fixed_view_mut::<3, 3>(3 * i, 3 * j).copy_from(&block(i, j));
+            }
+        }
+        assembled
     }
 }
 
@@ -236,13 +259,7 @@ mod tests {
     fn half_space_model_is_positive_definite_and_reciprocal() {
         let control = plate(7, 1e-3);
         let half_space = HalfSpaceCompliance::new(1e6, 0.3);
-        let n = control.len();
-        let mut c = nalgebra::DMatrix::zeros(3 * n, 3 * n);
-        for i in 0..n {
-            for j in 0..n {
-                c.fixed_view_mut::<3, 3>(3 * i, 3 * j).copy_from(&half_space.block(&control, i, j));
-            }
-        }
+        let c = Compliance::HalfSpace(half_space).assembled(&control);
         assert!((&c - c.transpose()).norm() < 1e-14 * c.norm());
         let smallest = c.symmetric_eigenvalues().min();
         assert!(smallest > 0.0, "smallest eigenvalue {smallest}");
@@ -267,13 +284,7 @@ mod tests {
             let control = Surface::build(surface, Some(200)).unwrap().control;
             for nu in [0.0, 0.3, 0.5] {
                 let half_space = HalfSpaceCompliance::new(1e6, nu);
-                let n = control.len();
-                let mut c = nalgebra::DMatrix::zeros(3 * n, 3 * n);
-                for i in 0..n {
-                    for j in 0..n {
-                        c.fixed_view_mut::<3, 3>(3 * i, 3 * j).copy_from(&half_space.block(&control, i, j));
-                    }
-                }
+                let c = Compliance::HalfSpace(half_space).assembled(&control);
                 let eigenvalues = c.symmetric_eigenvalues();
                 println!("{name}, nu {nu}: eigenvalues {:e} to {:e} m/N", eigenvalues.min(), eigenvalues.max());
                 assert!(eigenvalues.min() > 0.0, "{name}, nu {nu}: smallest eigenvalue {:e} m/N", eigenvalues.min());

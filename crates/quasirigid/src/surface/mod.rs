@@ -3,6 +3,7 @@
 
 pub mod areas;
 pub mod compliance;
+pub mod compliance_matrix;
 pub mod control_points;
 pub mod eigenvector;
 pub mod kernel;
@@ -18,6 +19,7 @@ pub mod sphere_tree;
 pub mod surface_model;
 
 pub use compliance::{Compliance, HalfSpaceCompliance, Loaded, LocalCompliance};
+pub use compliance_matrix::ComplianceMatrix;
 pub use control_points::{ControlPoints, Weights};
 pub use kernel::Kernel;
 pub use moving_least_squares::Projection;

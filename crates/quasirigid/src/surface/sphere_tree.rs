@@ -6,15 +6,11 @@
 //! another cut is possible.
 //!
 //! Nodes are stored breadth-first (a parent before its children), so that a bottom-up pass is a loop from the end. Points are
-//! re-ordered so that every node owns a contiguous range: a leaf's points are a slice, and a strided pick out of an inner
-//! node's range is an even sample of what lies below it (its level of detail).
+//! re-ordered so that every node owns a contiguous range: a leaf's points are a slice.
 
 use crate::math::{Mat3, Real, Vec3};
 use crate::surface::eigenvector::smallest_eigenvector;
 use rayon::prelude::*;
-
-/// Points in the sample that stands for an inner node.
-pub const SAMPLE_SIZE: usize = 16;
 
 /// Below this many leaves a node may be cut by normals instead of positions.
 const NORMAL_CUT_LEAVES: usize = 32;
@@ -50,25 +46,12 @@ pub struct Node {
     pub area: Real,
     /// Area-weighted mean of the unit normals below, not normalised: its length says how flat the node is.
     pub mean_normal: Vec3,
-    /// The leaf nearest to the centre: its control point stands for the node when a traversal stops here.
-    pub representative: u32,
 }
 
 impl Node {
     /// The points as a range of tree order.
     pub fn points(&self) -> std::ops::Range<usize> {
         self.first_point as usize..(self.first_point + self.point_count) as usize
-    }
-
-    /// Index in tree order of the `k`-th of [`SAMPLE_SIZE`] sample points (fewer if the node has fewer points).
-    pub fn sample(&self, k: usize) -> usize {
-        let count = self.sample_len();
-        self.first_point as usize + (2 * k + 1) * self.point_count as usize / (2 * count)
-    }
-
-    /// Number of sample points.
-    pub fn sample_len(&self) -> usize {
-        (self.point_count as usize).min(SAMPLE_SIZE)
     }
 }
 
@@ -137,19 +120,7 @@ impl SphereTree {
         for (index, node) in nodes.iter().enumerate().filter(|(_, node)| node.children.is_none()) {
             leaves[node.first_leaf as usize] = index as u32;
         }
-        let mut tree = Self { nodes, leaves };
-        tree.choose_representatives();
-        (tree, order)
-    }
-
-    fn choose_representatives(&mut self) {
-        let nearest = |node: &Node| {
-            let distance2 = |leaf: u32| (self.leaf(leaf as usize).center - node.center).norm_squared();
-            let leaves = node.first_leaf..node.first_leaf + node.leaf_count;
-            leaves.min_by(|&a, &b| distance2(a).total_cmp(&distance2(b))).unwrap_or(node.first_leaf)
-        };
-        let chosen: Vec<u32> = self.nodes.par_iter().map(nearest).collect();
-        self.nodes.iter_mut().zip(chosen).for_each(|(node, leaf)| node.representative = leaf);
+        (Self { nodes, leaves }, order)
     }
 
     /// The node of a leaf.
@@ -172,7 +143,6 @@ impl Node {
             level,
             area: 0.0,
             mean_normal: Vec3::zeros(),
-            representative: first_leaf as u32,
         }
     }
 }
@@ -277,9 +247,6 @@ mod tests {
             let below: u32 = children.iter().map(|&c| tree.nodes[c as usize].point_count).sum();
             assert_eq!(below, node.point_count);
             assert!(children.iter().all(|&c| tree.nodes[c as usize].parent == index as u32 && c as usize > index));
-            for k in 0..node.sample_len() {
-                assert!(node.points().contains(&node.sample(k)));
-            }
         }
         assert!((tree.nodes[0].area - areas.iter().sum::<Real>()).abs() < 1e-12);
     }

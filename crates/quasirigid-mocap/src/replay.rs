@@ -1,0 +1,295 @@
+//! The emulator: sends a take as a controller would, in time, from the controller's port, deaf to nothing but greetings.
+
+use crate::dtrack::Packet;
+use crate::endpoint::CONTROLLER_PORT;
+use crate::error::{Error, Result, check_within};
+use crate::hands::add_fingertips_as_bodies;
+use crate::take::Take;
+use std::io::ErrorKind;
+use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// How long it sleeps before it looks for greetings and for the wish to stop.
+const NAP: Duration = Duration::from_millis(10);
+/// Receivers that may have greeted; later ones are not served.
+const MOST_GREETERS: usize = 16;
+/// So many packets in a row that cannot be sent are no accident.
+const FAILURES: u64 = 100;
+
+/// What can be chosen about a [`Replay`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReplayOptions {
+    /// 1 is as it was recorded, 2 twice as fast.
+    pub speed: f64,
+    /// How often it is sent; 0 until it is stopped. Counters and clocks go on from round to round.
+    pub rounds: u32,
+    /// Port to send from: 50107 as a controller does. If it is taken, or 0, any.
+    pub source_port: u16,
+    /// Address of this machine to send from.
+    pub bind: Ipv4Addr,
+    /// Send to whoever greets, too.
+    pub serve_greeters: bool,
+    /// Send each tracked fingertip as a body of `6d` as well.
+    pub bodies: bool,
+}
+
+impl Default for ReplayOptions {
+    fn default() -> Self {
+        Self { speed: 1.0, rounds: 1, source_port: CONTROLLER_PORT, bind: Ipv4Addr::UNSPECIFIED, serve_greeters: true, bodies: false }
+    }
+}
+
+/// How far a replay is.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ReplayState {
+    /// Packets of the take that were sent, over all rounds; each counts once, however many receive it.
+    pub sent: u64,
+    /// Complete rounds.
+    pub rounds: u32,
+    /// Greetings that came.
+    pub greetings: u64,
+    /// Who gets the packets.
+    pub targets: Vec<SocketAddr>,
+    /// Sendings that the system refused.
+    pub refused: u64,
+    /// Farthest behind the schedule, s.
+    pub latest: f64,
+    /// Everything is sent, or it was stopped.
+    pub done: bool,
+    /// Why it gave up.
+    pub failure: Option<Error>,
+}
+
+struct Shared {
+    state: Mutex<ReplayState>,
+    stop: AtomicBool,
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, ReplayState> {
+        self.state.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+}
+
+/// A take on its way. Stopped when dropped.
+pub struct Replay {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+    address: SocketAddr,
+}
+
+impl Replay {
+    /// Starts to send to the targets (a multicast group is one, too). Without targets it waits for the first greeting.
+    ///
+    /// # Errors
+    /// [`Error::InvalidValue`] for an empty take, a speed outside 0.01 to 100, or nobody to send to; [`Error::Network`] without a usable socket.
+    pub fn start(take: &Take, targets: &[SocketAddr], options: &ReplayOptions) -> Result<Self> {
+        check_within("speed", options.speed, 0.01, 100.0, "times real time")?;
+        if take.packets.is_empty() {
+            return Err(Error::value("take", "at least one packet", "none", "give a take made by `quasirigid mocap record`"));
+        }
+        if targets.is_empty() && !options.serve_greeters {
+            return Err(Error::value("targets", "somebody to send to", "none", "name a target, or serve those who greet"));
+        }
+        let bind = |port| UdpSocket::bind((options.bind, port));
+        // A port that is taken is no reason to give up: `address` says which one it is.
+        let refuse = |e| Error::network(format!("address {}", options.bind), "to send", e, "choose another address of this machine");
+        let socket = bind(options.source_port).or_else(|_| bind(0)).map_err(refuse)?;
+        socket.set_nonblocking(true).map_err(refuse)?;
+        let address = socket.local_addr().map_err(refuse)?;
+        let state = ReplayState { targets: targets.to_vec(), ..ReplayState::default() };
+        let shared = Arc::new(Shared { state: Mutex::new(state), stop: AtomicBool::new(false) });
+        let script = Script::new(take, options);
+        let (for_thread, options) = (Arc::clone(&shared), options.clone());
+        let run = move || {
+            script.play(&socket, &for_thread, &options);
+            for_thread.lock().done = true;
+        };
+        let thread = std::thread::Builder::new().name("quasirigid-replay".into()).spawn(run).map_err(refuse)?;
+        Ok(Self { shared, thread: Some(thread), address })
+    }
+
+    /// Address and port that it sends from.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// How far it is.
+    pub fn state(&self) -> ReplayState {
+        self.shared.lock().clone()
+    }
+
+    /// Waits for the end, at most so long. Whether it has ended.
+    pub fn wait(&self, timeout: Duration) -> bool {
+        let start = Instant::now();
+        while !self.shared.lock().done {
+            if start.elapsed() >= timeout {
+                return false;
+            }
+            std::thread::sleep(NAP.min(timeout));
+        }
+        true
+    }
+
+    /// Stops.
+    pub fn stop(&mut self) {
+        self.shared.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for Replay {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+/// Packets ready to be sent, and what is needed to send them once more.
+struct Script {
+    /// Seconds from the first packet, and the packet.
+    packets: Vec<(f64, Vec<u8>)>,
+    /// From the first packet of a round to the first of the next, s.
+    round: f64,
+    /// Frames of a round by the counter.
+    frames: u32,
+    first_time: Option<f64>,
+}
+
+impl Script {
+    fn new(take: &Take, options: &ReplayOptions) -> Self {
+        let first = take.packets[0].arrival;
+        let ready = |bytes: &[u8]| match Packet::parse(bytes) {
+            Ok(mut packet) if options.bodies => {
+                add_fingertips_as_bodies(&mut packet);
+                packet.to_bytes()
+            }
+            _ => bytes.to_vec(),
+        };
+        let packets: Vec<_> = take.packets.iter().map(|p| (p.arrival - first, ready(&p.bytes))).collect();
+        let parsed: Vec<Packet> = take.packets.iter().filter_map(|p| p.parse().ok()).collect();
+        let frames = match (parsed.first(), parsed.last()) {
+            (Some(first), Some(last)) => last.frame.wrapping_sub(first.frame).wrapping_add(1),
+            _ => 0,
+        };
+        let steps = packets.len().max(2) - 1;
+        let round = take.duration() * (1.0 + 1.0 / steps as f64);
+        Self { packets, round: if round > 0.0 { round } else { 1.0 / 60.0 }, frames, first_time: parsed.first().and_then(Packet::time) }
+    }
+
+    fn play(&self, socket: &UdpSocket, shared: &Shared, options: &ReplayOptions) {
+        while shared.lock().targets.is_empty() {
+            if !rest(socket, shared, options, NAP) {
+                return;
+            }
+        }
+        let start = Instant::now();
+        let mut failed_in_a_row = 0;
+        for round in 0.. {
+            if options.rounds > 0 && round == options.rounds {
+                return;
+            }
+            let begun = f64::from(round) * self.round;
+            for (at, bytes) in &self.packets {
+                let due = (begun + at) / options.speed;
+                while start.elapsed().as_secs_f64() < due {
+                    let left = Duration::from_secs_f64(due).saturating_sub(start.elapsed());
+                    if !rest(socket, shared, options, left.min(NAP)) {
+                        return;
+                    }
+                }
+                // Without naps, when it is late or fast, it must hear the wish to stop as well.
+                if !rest(socket, shared, options, Duration::ZERO) {
+                    return;
+                }
+                let late = start.elapsed().as_secs_f64() - due;
+                let changed;
+                let bytes = if round > 0 || options.speed != 1.0 {
+                    changed = self.retimed(bytes, round, options.speed);
+                    &changed
+                } else {
+                    bytes
+                };
+                let targets = shared.lock().targets.clone();
+                let mut refused = None;
+                for target in &targets {
+                    refused = socket.send_to(bytes, target).err().filter(|e| is_failure(e.kind())).or(refused);
+                }
+                let mut state = shared.lock();
+                state.sent += 1;
+                state.latest = state.latest.max(late);
+                failed_in_a_row = if refused.is_some() { failed_in_a_row + 1 } else { 0 };
+                if let Some(error) = refused {
+                    state.refused += 1;
+                    if failed_in_a_row == FAILURES {
+                        let name = targets.first().map_or(String::new(), ToString::to_string);
+                        state.failure = Some(Error::network(name, "to send", error, "check the address and the network"));
+                        return;
+                    }
+                }
+            }
+            shared.lock().rounds = round + 1;
+        }
+    }
+
+    /// A packet whose counter and clocks go on from round to round and run with the speed of the replay. All else stays as it is.
+    fn retimed(&self, bytes: &[u8], round: u32, speed: f64) -> Vec<u8> {
+        let moved = |time: f64| {
+            let first = self.first_time.unwrap_or(time);
+            first + (time - first + f64::from(round) * self.round) / speed
+        };
+        let mut out = Vec::with_capacity(bytes.len() + 16);
+        for line in bytes.split_inclusive(|&byte| byte == b'\n') {
+            let body = line.trim_ascii_end();
+            let words: Vec<&str> = std::str::from_utf8(body).unwrap_or_default().split_ascii_whitespace().collect();
+            let text = match words[..] {
+                ["fr", n] => n.parse::<u32>().ok().map(|n| format!("fr {}", n.wrapping_add(round.wrapping_mul(self.frames)))),
+                ["ts", s] => s.parse::<f64>().ok().map(|s| format!("ts {:.6}", moved(s).rem_euclid(86_400.0))),
+                ["ts2", s, us, latency] => match (s.parse::<f64>(), us.parse::<f64>()) {
+                    (Ok(s), Ok(us)) => {
+                        let micros = (1e6 * moved(s + 1e-6 * us)).round() as u64;
+                        Some(format!("ts2 {} {} {latency}", micros / 1_000_000, micros % 1_000_000))
+                    }
+                    _ => None,
+                },
+                _ => None,
+            };
+            match text {
+                Some(text) => {
+                    out.extend_from_slice(text.as_bytes());
+                    out.extend_from_slice(&line[body.len()..]);
+                }
+                None => out.extend_from_slice(line),
+            }
+        }
+        out
+    }
+}
+
+/// Sleeps and hears greetings. False when it shall stop.
+fn rest(socket: &UdpSocket, shared: &Shared, options: &ReplayOptions, time: Duration) -> bool {
+    let mut buffer = [0; 256];
+    // At most as many as may ever be served: a flood of greetings must not stop the stream.
+    for _ in 0..MOST_GREETERS {
+        // Whatever it says, it is a greeting: a controller does not read it. (An error is a receiver that has gone.)
+        let Ok((_, from)) = socket.recv_from(&mut buffer) else { break };
+        let mut state = shared.lock();
+        state.greetings += 1;
+        if options.serve_greeters && !state.targets.contains(&from) && state.targets.len() < MOST_GREETERS {
+            state.targets.push(from);
+        }
+    }
+    if !time.is_zero() {
+        std::thread::sleep(time);
+    }
+    !shared.stop.load(Ordering::Relaxed)
+}
+
+/// Nobody listening, or a full buffer, is a loss as on any network.
+fn is_failure(kind: ErrorKind) -> bool {
+    !matches!(kind, ErrorKind::WouldBlock | ErrorKind::ConnectionRefused | ErrorKind::ConnectionReset | ErrorKind::Interrupted)
+}

@@ -1,0 +1,252 @@
+//! What is known of a stream: rates, lateness, what was lost, doubled, overtaken and refused.
+
+use crate::dtrack::{Packet, PacketError};
+use crate::hands::TrackerClock;
+use crate::tracking::ClockSync;
+
+/// Frame counters that are remembered to tell duplicates.
+const REMEMBERED: usize = 256;
+/// A counter that falls back by more than this was set anew.
+const RESTART: i64 = 1000;
+/// Arrivals from which rate and jitter are taken.
+const RECENT: usize = 64;
+
+/// Where a packet stands among those before it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Order {
+    /// Newer than all before.
+    New,
+    /// Overtaken by a newer one.
+    Late,
+    /// Came before.
+    Duplicate,
+    /// The counter was set back: the tracker started anew.
+    Restart,
+}
+
+/// Figures of a stream so far.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Statistics {
+    /// All datagrams that came, refused ones too.
+    pub datagrams: u64,
+    /// Their bytes.
+    pub bytes: u64,
+    /// Packets that could be read, duplicates too.
+    pub packets: u64,
+    /// Frames that never came, from gaps in the counter. What comes late is taken off again.
+    pub lost: u64,
+    /// Packets that a newer one had overtaken.
+    pub late: u64,
+    /// Packets that came more than once.
+    pub duplicates: u64,
+    /// Times that the counter was set back.
+    pub restarts: u64,
+    /// Refused: no packet of the format.
+    pub malformed: u64,
+    /// Refused: larger than allowed.
+    pub oversize: u64,
+    /// Refused: nothing in it.
+    pub empty: u64,
+    /// Refused: from another host than asked for.
+    pub foreign: u64,
+    /// Packets that nobody took in time.
+    pub overrun: u64,
+    /// Why the last malformed packet was refused.
+    pub last_refusal: Option<PacketError>,
+    /// Packets that came per second lately, Hz; 0 while there are none.
+    pub rate: f64,
+    /// Frames that the tracker measures per second, Hz; 0 while unknown.
+    pub tracker_rate: f64,
+    /// Standard deviation of the time between arrivals, s.
+    pub jitter: f64,
+    /// How late, compared to the fastest, 95 of 100 packets come at most, s.
+    pub lateness: f64,
+    /// From the cameras' flash to the sending, as the tracker says (`ts2`), s.
+    pub tracker_latency: Option<f64>,
+    /// From arrival to being taken by the program, s: mean and largest.
+    pub pick_up: (f64, f64),
+}
+
+/// Keeps [`Statistics`].
+#[derive(Debug, Clone, Default)]
+pub struct StreamMeter {
+    figures: Statistics,
+    counter: FrameCounter,
+    time: TrackerClock,
+    clock: ClockSync,
+    arrivals: Vec<f64>,
+    picked_up: u64,
+    pick_up_sum: f64,
+}
+
+impl StreamMeter {
+    /// A packet came. Returns where it stands.
+    pub fn add(&mut self, packet: &Packet, arrival: f64) -> Order {
+        let order = self.counter.add(packet.frame);
+        let figures = &mut self.figures;
+        figures.packets += 1;
+        match order {
+            Order::New => {}
+            Order::Late => figures.late += 1,
+            Order::Duplicate => figures.duplicates += 1,
+            Order::Restart => figures.restarts += 1,
+        }
+        if order == Order::Restart {
+            self.clock = ClockSync::default();
+        }
+        if order != Order::Duplicate {
+            self.clock.add(self.time.seconds(packet, arrival), arrival);
+        }
+        if self.arrivals.len() == RECENT {
+            self.arrivals.remove(0);
+        }
+        self.arrivals.push(arrival);
+        if let Some(unix) = packet.unix_time {
+            figures.tracker_latency = Some(1e-6 * f64::from(unix.latency));
+        }
+        order
+    }
+
+    /// The figures that only count.
+    pub fn counts(&mut self) -> &mut Statistics {
+        &mut self.figures
+    }
+
+    /// A packet was taken so long after its arrival, s.
+    pub fn pick_up(&mut self, after: f64) {
+        self.picked_up += 1;
+        self.pick_up_sum += after;
+        self.figures.pick_up = (self.pick_up_sum / self.picked_up as f64, self.figures.pick_up.1.max(after));
+    }
+
+    /// All figures at the time `now`, s.
+    pub fn figures(&self, now: f64) -> Statistics {
+        let mut figures = self.figures.clone();
+        figures.lost = self.counter.lost();
+        figures.tracker_rate = if self.clock.period() > 0.0 { 1.0 / self.clock.period() } else { 0.0 };
+        figures.lateness = self.clock.jitter();
+        if let (Some(&first), Some(&last)) = (self.arrivals.first(), self.arrivals.last()) {
+            let steps = (self.arrivals.len() - 1) as f64;
+            // A stream that has ended slows down with every moment of silence.
+            let span = (last - first).max(now - first - if steps > 0.0 { 2.0 * (last - first) / steps } else { 0.0 });
+            if steps > 0.0 && span > 0.0 {
+                figures.rate = steps / span;
+                let mean = (last - first) / steps;
+                let square: f64 = self.arrivals.windows(2).map(|pair| (pair[1] - pair[0] - mean).powi(2)).sum();
+                figures.jitter = (square / steps).sqrt();
+            }
+        }
+        figures
+    }
+}
+
+/// Counts frames that never came. The counter may go up by more than one from frame to frame (a controller may send every d-th only).
+#[derive(Debug, Clone, Default)]
+struct FrameCounter {
+    remembered: Vec<u32>,
+    newest: Option<u32>,
+    /// Smallest step seen.
+    step: i64,
+    /// Sum of all steps since the last restart, and how many frames came.
+    span: i64,
+    came: i64,
+    /// Lost before the last restart.
+    lost_before: u64,
+}
+
+impl FrameCounter {
+    fn add(&mut self, frame: u32) -> Order {
+        let Some(newest) = self.newest else {
+            self.start(frame);
+            return Order::New;
+        };
+        if self.remembered.contains(&frame) {
+            return Order::Duplicate;
+        }
+        // Over the end of 32 bits it goes on at 0.
+        let step = i64::from(frame.wrapping_sub(newest) as i32);
+        if step < -RESTART {
+            self.lost_before = self.lost();
+            self.start(frame);
+            return Order::Restart;
+        }
+        self.remember(frame);
+        self.came += 1;
+        self.step = if self.step == 0 { step.abs() } else { self.step.min(step.abs()) };
+        if step < 0 {
+            return Order::Late;
+        }
+        self.span += step;
+        self.newest = Some(frame);
+        Order::New
+    }
+
+    fn start(&mut self, frame: u32) {
+        self.remembered.clear();
+        self.remember(frame);
+        (self.newest, self.step, self.span, self.came) = (Some(frame), 0, 0, 1);
+    }
+
+    fn remember(&mut self, frame: u32) {
+        if self.remembered.len() == REMEMBERED {
+            self.remembered.remove(0);
+        }
+        self.remembered.push(frame);
+    }
+
+    fn lost(&self) -> u64 {
+        let expected = if self.step > 0 { self.span / self.step + 1 } else { self.came };
+        self.lost_before + u64::try_from(expected - self.came).unwrap_or(0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use Order::*;
+
+    fn packet(frame: u32, time: f64) -> Packet {
+        Packet { frame, time_of_day: Some(time), ..Packet::default() }
+    }
+
+    #[test]
+    fn gaps_are_losses_until_the_late_ones_come() {
+        let mut counter = FrameCounter::default();
+        let orders: Vec<Order> = [10, 11, 14, 12, 12, 15].into_iter().map(|frame| counter.add(frame)).collect();
+        assert_eq!(orders, [New, New, New, Late, Duplicate, New]);
+        assert_eq!(counter.lost(), 1, "only 13 never came");
+    }
+
+    #[test]
+    fn every_third_frame_is_no_loss() {
+        let mut counter = FrameCounter::default();
+        for frame in (0..300).step_by(3).filter(|frame| frame % 30 != 9) {
+            counter.add(frame);
+        }
+        assert_eq!(counter.lost(), 10);
+    }
+
+    #[test]
+    fn the_counter_goes_on_over_32_bits_and_a_restart_is_seen() {
+        let mut counter = FrameCounter::default();
+        let orders: Vec<Order> = [u32::MAX - 1, u32::MAX, 0, 2, 1_000_000].into_iter().map(|frame| counter.add(frame)).collect();
+        assert_eq!((orders, counter.lost()), (vec![New; 5], 1 + 999_997));
+        assert_eq!(counter.add(5), Restart);
+        assert_eq!(counter.add(6), New);
+        assert_eq!(counter.lost(), 1 + 999_997);
+    }
+
+    #[test]
+    fn rate_falls_when_nothing_comes() {
+        let mut meter = StreamMeter::default();
+        for k in 0..100 {
+            meter.add(&packet(k, f64::from(k) / 60.0), f64::from(k) / 60.0);
+        }
+        let figures = meter.figures(99.0 / 60.0);
+        assert!((figures.rate - 60.0).abs() < 1e-9 && (figures.tracker_rate - 60.0).abs() < 1e-6 && figures.jitter < 1e-9, "{figures:?}");
+        assert!(meter.figures(20.0).rate < 4.0);
+        meter.pick_up(0.001);
+        meter.pick_up(0.003);
+        assert_eq!(meter.figures(20.0).pick_up, (0.002, 0.003));
+    }
+}

@@ -1,0 +1,44 @@
+//! `ComplianceMatrix`.
+
+use crate::conv;
+use crate::errors::OrRaise;
+use numpy::PyArray2;
+use pyo3::prelude::*;
+use quasirigid::math::Real;
+use std::sync::Arc;
+
+/// A user's own compliance over the control points of one surface, checked.
+#[pyclass(frozen, module = "quasirigid._quasirigid")]
+pub struct ComplianceMatrix {
+    pub(crate) engine: Arc<quasirigid::surface::ComplianceMatrix>,
+}
+
+#[pymethods]
+impl ComplianceMatrix {
+    #[new]
+    pub fn new(py: Python<'_>, matrix: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let matrix = conv::matrix(matrix, "compliance matrix")?;
+        let engine = py.detach(|| quasirigid::surface::ComplianceMatrix::new(&matrix)).or_raise(py)?;
+        Ok(Self { engine: Arc::new(engine) })
+    }
+
+    #[getter]
+    fn matrix<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        let n = 3 * self.engine.control_points();
+        let entry = |k: usize| self.engine.block(k / n / 3, k % n / 3)[(k / n % 3, k % n % 3)];
+        conv::rows(py, (0..n * n).map(entry).collect(), n)
+    }
+
+    #[getter]
+    fn asymmetry(&self) -> Real {
+        self.engine.asymmetry()
+    }
+
+    fn __len__(&self) -> usize {
+        self.engine.control_points()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("ComplianceMatrix({} control points, asymmetry {:.1e})", self.engine.control_points(), self.engine.asymmetry())
+    }
+}

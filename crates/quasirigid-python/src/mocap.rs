@@ -1,0 +1,298 @@
+//! `Packet` and `Receiver`: packets of a tracker on the network. And what the other files of motion capture share.
+
+use crate::errors::to_py;
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+use quasirigid_mocap as mocap;
+use quasirigid_mocap::{Error, Order};
+use std::collections::BTreeMap;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock, RwLockReadGuard};
+use std::time::Duration;
+
+/// `?` for results of the mocap crate.
+pub trait OrRaiseMocap<T> {
+    /// The value, or the exception for the error.
+    fn or_raise(self, py: Python<'_>) -> PyResult<T>;
+}
+
+impl<T> OrRaiseMocap<T> for mocap::Result<T> {
+    fn or_raise(self, py: Python<'_>) -> PyResult<T> {
+        self.map_err(|error| raise(py, &error))
+    }
+}
+
+/// The exception of `quasirigid.errors` for an error of the mocap crate.
+pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
+    let (class, what, expected, got, hint) = match error {
+        Error::InvalidValue { what, expected, got, hint } => ("InvalidValueError", what, expected, got, hint),
+        Error::File { what, expected, got, hint } => ("CaptureFileError", what, expected, got, hint),
+        Error::Network { what, expected, got, hint } => ("NetworkError", what, expected, got, hint),
+        other => return pyo3::exceptions::PyRuntimeError::new_err(other.to_string()),
+    };
+    crate::errors::make(py, class, [what, expected, got, hint])
+}
+
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+pub(crate) fn read<T>(shared: &RwLock<T>) -> RwLockReadGuard<'_, T> {
+    shared.read().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Seconds from Python; NaN and negative numbers are refused, more than a year is for ever.
+pub(crate) fn duration(py: Python<'_>, what: &str, seconds: f64) -> PyResult<Duration> {
+    mocap::error::check_within(what, seconds, 0.0, f64::MAX, "s").or_raise(py)?;
+    Ok(Duration::from_secs_f64(seconds.min(3.2e7)))
+}
+
+pub(crate) fn address(py: Python<'_>, what: &str, text: &str) -> PyResult<Ipv4Addr> {
+    text.parse().map_err(|_| {
+        let expected = "an IPv4 address in numbers";
+        to_py(py, &quasirigid::Error::value(what, expected, format!("{text:?}"), "127.0.0.1 is this machine, 0.0.0.0 any address of it"))
+    })
+}
+
+/// (address, port).
+pub(crate) fn pair(address: SocketAddr) -> (String, u16) {
+    (address.ip().to_string(), address.port())
+}
+
+/// One datagram.
+#[pyclass(frozen, module = "quasirigid._quasirigid")]
+pub struct Packet {
+    pub(crate) packet: mocap::dtrack::Packet,
+    pub(crate) arrival: f64,
+    bytes: Vec<u8>,
+    from: Option<SocketAddr>,
+    order: Option<Order>,
+}
+
+impl Packet {
+    fn received(received: &mocap::Received) -> Self {
+        Self {
+            packet: received.packet.clone(),
+            arrival: received.arrival,
+            bytes: received.bytes.clone(),
+            from: Some(received.from),
+            order: Some(received.order),
+        }
+    }
+
+    pub(crate) fn taken(py: Python<'_>, taken: &mocap::TakePacket) -> PyResult<Self> {
+        Ok(Self { packet: parse(py, &taken.bytes)?, arrival: taken.arrival, bytes: taken.bytes.clone(), from: None, order: None })
+    }
+}
+
+pub(crate) fn parse(py: Python<'_>, bytes: &[u8]) -> PyResult<mocap::dtrack::Packet> {
+    mocap::dtrack::Packet::parse(bytes).map_err(|error| {
+        let why = error.to_string();
+        crate::errors::make(py, "PacketError", ["packet", "a DTrack packet", &why, "see docs/mocap.md for the format"])
+    })
+}
+
+#[pymethods]
+impl Packet {
+    #[staticmethod]
+    #[pyo3(signature = (data, arrival = 0.0))]
+    fn parse(py: Python<'_>, data: &[u8], arrival: f64) -> PyResult<Self> {
+        mocap::error::check_within("arrival", arrival, f64::MIN, f64::MAX, "s").or_raise(py)?;
+        Ok(Self { packet: parse(py, data)?, arrival, bytes: data.to_vec(), from: None, order: None })
+    }
+
+    #[getter]
+    fn frame(&self) -> u32 {
+        self.packet.frame
+    }
+
+    #[getter]
+    fn time(&self) -> Option<f64> {
+        self.packet.time()
+    }
+
+    #[getter]
+    fn arrival(&self) -> f64 {
+        self.arrival
+    }
+
+    #[getter]
+    fn data<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, &self.bytes)
+    }
+
+    #[getter]
+    fn sender(&self) -> Option<(String, u16)> {
+        self.from.map(pair)
+    }
+
+    #[getter]
+    fn order(&self) -> Option<&'static str> {
+        self.order.map(|order| match order {
+            Order::New => "new",
+            Order::Late => "late",
+            Order::Duplicate => "duplicate",
+            Order::Restart => "restart",
+        })
+    }
+
+    #[getter]
+    fn bodies(&self) -> BTreeMap<u32, [f64; 3]> {
+        let seen = self.packet.bodies.iter().flatten().filter(|body| body.is_tracked());
+        seen.map(|body| (body.id, mocap::hands::pose_from_placement(&body.placement).translation.vector.into())).collect()
+    }
+
+    #[getter]
+    fn hands(&self) -> Vec<(u32, &'static str, Vec<bool>)> {
+        let hand = |hand: &mocap::dtrack::Hand| {
+            (hand.id, hand.side.name(), hand.fingers.iter().map(mocap::dtrack::HandFinger::is_tracked).collect())
+        };
+        self.packet.hands.iter().flatten().map(hand).collect()
+    }
+
+    fn counts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let (p, dict) = (&self.packet, PyDict::new(py));
+        let counts = [
+            ("calibrated_bodies", p.standard_bodies()),
+            ("bodies", p.bodies.as_ref().map(|_| self.bodies().len() as u32)),
+            ("hybrid_bodies", p.hybrid_bodies.as_ref().map(|b| b.len() as u32)),
+            ("flysticks", p.flysticks.as_ref().map(|f| f.items.len()).or(p.old_flysticks.as_ref().map(Vec::len)).map(|n| n as u32)),
+            ("tools", p.tools.as_ref().map(|t| t.items.len()).or(p.old_tools.as_ref().map(Vec::len)).map(|n| n as u32)),
+            ("markers", p.markers.as_ref().map(|m| m.len() as u32)),
+            ("calibrated_hands", p.calibrated_hands),
+            ("hands", p.hands.as_ref().map(|h| h.len() as u32)),
+            ("people", p.people.as_ref().map(|l| l.items.len() as u32)),
+            ("unknown_lines", Some(p.unknown_lines)),
+        ];
+        for (name, count) in counts {
+            dict.set_item(name, count)?;
+        }
+        Ok(dict)
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "Packet(frame={}, {} bytes, {} hands, {} bodies)",
+            self.packet.frame,
+            self.bytes.len(),
+            self.hands().len(),
+            self.bodies().len()
+        )
+    }
+}
+
+/// Figures of a stream as a dictionary.
+pub(crate) fn figures<'py>(py: Python<'py>, s: &mocap::Statistics) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    let counts = [
+        ("datagrams", s.datagrams),
+        ("bytes", s.bytes),
+        ("packets", s.packets),
+        ("lost", s.lost),
+        ("late", s.late),
+        ("duplicates", s.duplicates),
+        ("restarts", s.restarts),
+        ("malformed", s.malformed),
+        ("oversize", s.oversize),
+        ("empty", s.empty),
+        ("foreign", s.foreign),
+        ("overrun", s.overrun),
+    ];
+    for (name, count) in counts {
+        dict.set_item(name, count)?;
+    }
+    let (mean, largest) = s.pick_up;
+    let figures = [
+        ("rate", Some(s.rate)),
+        ("tracker_rate", Some(s.tracker_rate)),
+        ("jitter", Some(s.jitter)),
+        ("lateness", Some(s.lateness)),
+        ("tracker_latency", s.tracker_latency),
+        ("pick_up_mean", Some(mean)),
+        ("pick_up_max", Some(largest)),
+    ];
+    for (name, figure) in figures {
+        dict.set_item(name, figure)?;
+    }
+    dict.set_item("last_refusal", s.last_refusal.map(|why| why.to_string()))?;
+    Ok(dict)
+}
+
+/// An open port.
+#[pyclass(frozen, module = "quasirigid._quasirigid")]
+pub struct Receiver {
+    // Written to close it; all else only reads, so that nobody waits for one who waits.
+    receiver: RwLock<mocap::Receiver>,
+    address: SocketAddr,
+}
+
+#[pymethods]
+impl Receiver {
+    #[new]
+    #[pyo3(signature = (connection = "5000", *, bind = "0.0.0.0", interface = "0.0.0.0", max_bytes = 32_768, controller_port = 50_107))]
+    fn new(py: Python<'_>, connection: &str, bind: &str, interface: &str, max_bytes: usize, controller_port: u16) -> PyResult<Self> {
+        let (bind, interface) = (address(py, "bind", bind)?, address(py, "interface", interface)?);
+        let options = mocap::ReceiverOptions { bind, interface, max_bytes, controller_port };
+        // Names of hosts are looked up, which may take long.
+        let receiver = py.detach(|| mocap::Receiver::open(mocap::Endpoint::parse(connection)?, &options)).or_raise(py)?;
+        Ok(Self { address: receiver.address(), receiver: RwLock::new(receiver) })
+    }
+
+    #[getter]
+    fn address(&self) -> (String, u16) {
+        pair(self.address)
+    }
+
+    fn now(&self) -> f64 {
+        read(&self.receiver).now()
+    }
+
+    fn wait(&self, py: Python<'_>, timeout: f64) -> PyResult<bool> {
+        let end = std::time::Instant::now() + duration(py, "timeout", timeout)?;
+        loop {
+            // In pieces, so that Ctrl-C is heard and `close` from another thread is not kept waiting.
+            let left = end.saturating_duration_since(std::time::Instant::now());
+            let came = py.detach(|| read(&self.receiver).wait(left.min(Duration::from_millis(50))));
+            py.check_signals()?;
+            let failure = read(&self.receiver).failure();
+            if let Some(failure) = failure {
+                return Err(raise(py, &failure));
+            }
+            if came || left.is_zero() {
+                return Ok(came);
+            }
+        }
+    }
+
+    fn take(&self, py: Python<'_>) -> Vec<Packet> {
+        let taken = py.detach(|| read(&self.receiver).take());
+        taken.iter().map(|received| Packet::received(received)).collect()
+    }
+
+    #[getter]
+    fn latest(&self, py: Python<'_>) -> Option<Packet> {
+        let latest: Option<Arc<mocap::Received>> = py.detach(|| read(&self.receiver).latest());
+        latest.map(|received| Packet::received(&received))
+    }
+
+    fn statistics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        figures(py, &py.detach(|| read(&self.receiver).statistics()))
+    }
+
+    fn close(&self, py: Python<'_>) {
+        py.detach(|| self.receiver.write().unwrap_or_else(PoisonError::into_inner).close());
+    }
+
+    fn __enter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    #[pyo3(signature = (*_exception))]
+    fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, PyAny>) {
+        self.close(py);
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Receiver({})", self.address)
+    }
+}

@@ -1,0 +1,171 @@
+"""``quasirigid replay``, ``render`` and ``export``: what can be done with a recording."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from quasirigid.view.render import Progress
+
+REPLAY_EXAMPLES = """[bold]Examples[/bold]
+
+[cyan]quasirigid replay out/grasp/recording.h5[/cyan]  the last grasp in the browser, with a timeline
+
+[cyan]quasirigid replay run.h5 --no-browser --port 9000[/cyan]  over an SSH tunnel: ssh -L 9000:localhost:9000 machine
+"""
+RENDER_EXAMPLES = """[bold]Examples[/bold]
+
+[cyan]quasirigid render out/grasp/recording.h5 --out grasp.mp4[/cyan]  a film of the whole run
+
+[cyan]quasirigid render run.h5 --out hold.png --at 3[/cyan]  one picture, 3 s after the start
+
+[cyan]quasirigid render run.h5 --out slip.gif --from 1 --to 1.5 --speed 0.1 --fps 20 --size 640x360[/cyan]  half a second, ten times slower
+
+[cyan]quasirigid render run.h5 --out frames --camera 120,15[/cyan]  PNG frames, seen from the right and behind
+"""
+EXPORT_EXAMPLES = """[bold]Examples[/bold]
+
+[cyan]quasirigid export run.h5 --csv tables[/cyan]  steps.csv, bodies.csv, fingers.csv, contacts.csv
+
+[cyan]quasirigid export run.h5 --parquet tables[/cyan]  the same as Parquet: smaller, and faster to read
+
+[cyan]quasirigid export run.h5 --rerun run.rrd && rerun run.rrd[/cyan]  for the Rerun viewer
+"""
+
+RECORDING = Annotated[Path, typer.Argument(metavar="FILE", help="A recording, such as out/grasp/recording.h5.")]
+AS_JSON = Annotated[bool, typer.Option("--json", help="Print what was written as JSON and nothing else.")]
+FROM = Annotated[float | None, typer.Option("--from", metavar="SECONDS", help="Start, in simulated time. Default: that of the recording.")]
+TO = Annotated[float | None, typer.Option("--to", metavar="SECONDS", help="End, in simulated time. Default: that of the recording.")]
+
+
+def replay(
+    file: RECORDING,
+    host: Annotated[str, typer.Option(help="Who may look: 127.0.0.1 is this machine alone, 0.0.0.0 the whole network.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port of the page; the next free one if it is in use.")] = 8080,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
+    play: Annotated[bool, typer.Option("--play", help="Play at once, without waiting for the button.")] = False,
+    seconds: Annotated[float | None, typer.Option(help="End after so many seconds.")] = None,
+) -> None:
+    """Show a recording in the browser: the view of `quasirigid view`, with a timeline."""
+    from quasirigid.view.replay import ReplayView
+    from quasirigid.view.server import announce, open_browser
+
+    with ReplayView(file, host=host, port=port) as view:
+        url = announce(view.server, host, port)
+        if browser:
+            open_browser(url)
+        view.timeline.play(play)
+        end = None if seconds is None else time.monotonic() + seconds
+        try:
+            while end is None or time.monotonic() < end:
+                time.sleep(0.1)
+        except KeyboardInterrupt:
+            pass  # the way to end it
+
+
+def render(
+    file: RECORDING,
+    out: Annotated[
+        Path, typer.Option(metavar="PATH", help="A file that ends in .png, .gif or .mp4, or a directory for PNG frames.")
+    ] = Path("out/render"),
+    fps: Annotated[float, typer.Option(help="Frames per second of the film.")] = 30.0,
+    size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Size in pixels.")] = "1280x720",
+    camera: Annotated[
+        str, typer.Option(help="auto, front, right, back, left, top, or azimuth,height in degrees (0,0 is the front, 90,0 the right).")
+    ] = "auto",
+    start: FROM = None,
+    end: TO = None,
+    at: Annotated[float | None, typer.Option(metavar="SECONDS", help="The moment of a single picture. Default: the last.")] = None,
+    speed: Annotated[float, typer.Option(help="Simulated seconds per second of film; 0.1 is ten times slower.")] = 1.0,
+    labels: Annotated[bool, typer.Option("--labels/--no-labels", help="Time, forces and scale beside the scene.")] = True,
+    jobs: Annotated[int | None, typer.Option(help="Processes that draw. Default: one per core.")] = None,
+    as_json: AS_JSON = False,
+) -> None:
+    """Draw a recording without a browser: a picture, a film, or frames."""
+    from quasirigid.view.render import RenderOptions
+    from quasirigid.view.render import render as draw
+
+    options = RenderOptions(
+        fps=fps,
+        size=parse_size(size),
+        camera=camera,
+        start=start if at is None else at,
+        end=end if at is None else at,
+        speed=speed,
+        labels=labels,
+        single=at is not None,
+    )
+    with interruptible(quiet=as_json) as progress:
+        paths = draw(file, out, options, jobs=jobs, progress=progress)
+    tell(paths, as_json=as_json)
+
+
+def export(
+    file: RECORDING,
+    csv: Annotated[Path | None, typer.Option(metavar="DIR", help="Write CSV tables to this directory.")] = None,
+    parquet: Annotated[Path | None, typer.Option(metavar="DIR", help="Write Parquet tables to this directory (needs pyarrow).")] = None,
+    rerun: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a recording for the Rerun viewer (needs rerun-sdk).")] = None,
+    every: Annotated[int, typer.Option(metavar="STEPS", help="Take every n-th step.")] = 1,
+    start: FROM = None,
+    end: TO = None,
+    as_json: AS_JSON = False,
+) -> None:
+    """Write contacts, forces and poses as tables, or for the Rerun viewer."""
+    from quasirigid.view.export import export_tables
+    from quasirigid.view.export_rerun import export_rerun
+
+    if csv is None and parquet is None and rerun is None:
+        raise typer.BadParameter("say where to: --csv DIR, --parquet DIR or --rerun FILE")
+    paths: list[Path] = []
+    with interruptible(quiet=as_json) as progress:
+        chosen: dict[str, Any] = {"every": every, "start": start, "end": end, "progress": progress}
+        if csv is not None:
+            paths += export_tables(file, csv, "csv", **chosen)
+        if parquet is not None:
+            paths += export_tables(file, parquet, "parquet", **chosen)
+        if rerun is not None:
+            paths += export_rerun(file, rerun, **chosen)
+    tell(paths, as_json=as_json)
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """``"1280x720"`` as two numbers. Raises ``InvalidShapeError`` for anything else."""
+    from quasirigid.errors import InvalidShapeError
+
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise InvalidShapeError("size", "width x height in pixels", text, "give --size 1280x720")
+    return int(width), int(height)
+
+
+def interruptible(*, quiet: bool) -> AbstractContextManager[Progress | None]:
+    """A progress bar, and an end in good order when the process is told to stop."""
+    from quasirigid.cli import working
+
+    return working(quiet=quiet)
+
+
+def tell(paths: list[Path], *, as_json: bool) -> None:
+    """What was written, on standard output: one path a line, or JSON."""
+    if as_json:
+        typer.echo(json.dumps({"files": [str(path) for path in paths], "bytes": sum(path.stat().st_size for path in paths)}, indent=2))
+    elif len(paths) > 20:
+        typer.echo(str(paths[0].parent))
+        print(f"quasirigid: {len(paths)} files, {paths[0].name} to {paths[-1].name}", file=sys.stderr)
+    else:
+        for path in paths:
+            typer.echo(str(path))
+
+
+def add_to(app: typer.Typer) -> None:
+    """Adds the commands to the program."""
+    app.command(epilog=REPLAY_EXAMPLES)(replay)
+    app.command(epilog=RENDER_EXAMPLES)(render)
+    app.command(epilog=EXPORT_EXAMPLES)(export)

@@ -1,0 +1,8 @@
+"""Colours and shapes that all pictures share: plots, still pictures and the live view. Chosen to be told apart with any colour vision."""
+
+FINGER_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+"""One per finger (Okabe and Ito), hex sRGB."""
+PAD, NAIL, BONE, PALM = (0.95, 0.86, 0.79), (0.86, 0.83, 0.81), (0.80, 0.83, 0.86), (0.62, 0.66, 0.71)
+GLASS = (0.30, 0.45, 0.62)
+LINK_RADII = (0.009, 0.0085, 0.0075, 0.0055)
+"""Of the tubes at the joints of a finger, as wide as the phalanges of the built-in hand, m."""

@@ -1,0 +1,26 @@
+"""The live view in the browser: what is drawn, how, and what a person can do with it.
+
+``quasirigid.view`` is the function ``open_view`` of this package.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from quasirigid._quasirigid import World
+    from quasirigid.view.watch import WorldView
+
+
+def open_view(world: World, *, host: str = "127.0.0.1", port: int = 8080, browser: bool = True) -> WorldView:
+    """Show a world in the browser while you go on stepping it; returns at once.
+
+    The page follows ``world`` at up to 30 looks a second and never changes it. ``host`` is who may look: this machine alone
+    unless you say otherwise. If ``port`` is in use, the next free one is taken and said. ``browser`` opens the page.
+    ``close`` it, or use it in a ``with`` block.
+
+    Raises ``InvalidValueError`` for a host that is not this machine's or a port out of range.
+    """
+    from quasirigid.view.watch import watch  # the server takes half a second to import: only who looks pays for it
+
+    return watch(world, host, port, browser)

@@ -1,0 +1,232 @@
+"""``quasirigid export``: a recording as tidy tables, one row per step, pose, finger or contact, with units in the names of the columns.
+
+``steps``, ``poses``, ``fingers`` and ``contacts`` share ``step`` and ``time_s``: join on these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from quasirigid._quasirigid import STAGES
+from quasirigid.errors import InvalidValueError, MissingPackageError
+from quasirigid.scene_recording import SceneRecording
+from quasirigid.view.render import RenderOptions, span
+
+BLOCK = 500
+"""Steps read at a time."""
+STATUS = np.array(["open", "stick", "slip"])
+XYZ = ("x", "y", "z")
+Columns = dict[str, npt.NDArray[Any]]
+Progress = Callable[[str, float], None]
+Format = Literal["csv", "parquet"]
+
+
+@dataclass(frozen=True)
+class Window:
+    """Which steps of a recording are written."""
+
+    first: int
+    last: int
+    every: int
+
+    def blocks(self) -> Iterator[npt.NDArray[np.int64]]:
+        """The steps, some at a time."""
+        for start in range(self.first, self.last + 1, BLOCK * self.every):
+            yield np.arange(start, min(start + BLOCK * self.every, self.last + 1), self.every)
+
+
+def window_of(recording: SceneRecording, every: int, start: float | None, end: float | None) -> Window:
+    """The steps from ``start`` to ``end`` s, every ``every``-th. Raises ``InvalidValueError`` if there are none."""
+    if every < 1:
+        raise InvalidValueError("every", "at least 1 step", every, "leave --every out for all steps")
+    options = RenderOptions(start=start, end=end)
+    options.check()
+    begin, stop = span(recording, options)
+    return Window(recording.step_at(begin), recording.step_at(stop), every)
+
+
+def tables(recording: SceneRecording) -> dict[str, Callable[[npt.NDArray[np.int64]], Columns]]:
+    """The tables by name: each makes its columns for some steps."""
+    made: dict[str, Callable[[npt.NDArray[np.int64]], Columns]] = {
+        "steps": lambda steps: _steps(recording, steps),
+        "poses": lambda steps: _poses(recording, steps),
+    }
+    if recording.model.fingers:
+        made["fingers"] = lambda steps: _fingers(recording, steps)
+    made["contacts"] = lambda steps: _contacts(recording, steps)
+    return made
+
+
+def _taken(recording: SceneRecording, name: str, steps: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
+    """A step column at some steps."""
+    values: npt.NDArray[Any] = recording.columns.slice(name, int(steps[0]), int(steps[-1]) + 1)[steps - steps[0]]
+    return values
+
+
+def _key(recording: SceneRecording, steps: npt.NDArray[np.int64], counts: npt.NDArray[np.int64] | int = 1) -> Columns:
+    return {"step": np.repeat(steps, counts), "time_s": np.repeat(recording.times[steps], counts)}
+
+
+def _steps(recording: SceneRecording, steps: npt.NDArray[np.int64]) -> Columns:
+    columns: Columns = {**_key(recording, steps), "phase": np.array([recording.phase(int(step)) for step in steps])}
+    for name in ("contacts", "sweeps", "residual", "converged", "coarse", "quarantined"):
+        columns[name] = _taken(recording, f"report/{name}", steps)
+    columns["step_time_s"] = _taken(recording, "report/step_time", steps)
+    stages = _taken(recording, "report/stage_times", steps)
+    return {**columns, **{f"{name}_s": stages[:, i] for i, name in enumerate(STAGES)}}
+
+
+def _poses(recording: SceneRecording, steps: npt.NDArray[np.int64]) -> Columns:
+    frames = np.array(recording.columns.labels("frames/pose"))
+    pose = _taken(recording, "frames/pose", steps).reshape(-1, 7)
+    names = ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
+    return {
+        **_key(recording, steps, len(frames)),
+        "frame": np.tile(frames, len(steps)),
+        **{name: pose[:, i] for i, name in enumerate(names)},
+    }
+
+
+def _fingers(recording: SceneRecording, steps: npt.NDArray[np.int64]) -> Columns:
+    fingers = np.array(recording.model.fingers)
+    force = _taken(recording, "fingers/force", steps).reshape(-1, 3)
+    joints = _taken(recording, "hand/joint_positions", steps)
+    columns: Columns = {**_key(recording, steps, len(fingers)), "finger": np.tile(fingers, len(steps))}
+    columns |= {f"force_{axis}_n": force[:, i] for i, axis in enumerate(XYZ)}
+    columns["normal_force_n"] = _taken(recording, "fingers/normal_force", steps).reshape(-1)
+    return {**columns, **{f"joint_{i}_rad": joints[..., i].reshape(-1) for i in range(joints.shape[-1])}}
+
+
+def _contacts(recording: SceneRecording, steps: npt.NDArray[np.int64]) -> Columns:
+    bodies = np.array([body.name for body in recording.model.bodies] + [""])  # the last for -1: not drawn
+    ends = recording.columns.slice("contacts/end", 0, int(steps[-1]) + 1)
+    starts = np.concatenate([[0], ends])[steps]
+    counts = ends[steps] - starts
+    low = int(starts[0])
+    rows = np.concatenate([np.zeros(0, np.int64), *(np.arange(a, a + n) for a, n in zip(starts - low, counts, strict=True))])
+
+    def taken(name: str) -> npt.NDArray[Any]:
+        values: npt.NDArray[Any] = recording.columns.slice(f"contacts/{name}", low, int(ends[steps[-1]]))[rows]
+        return values
+
+    columns: Columns = _key(recording, steps, counts)
+    columns |= {name: bodies[taken(name).astype(int)] for name in ("body_a", "body_b")}
+    columns["status"] = STATUS[taken("status")]
+    point, normal, force, reaction = (taken(name) for name in ("point", "normal", "force", "reaction"))
+    columns |= {f"{axis}_m": point[:, i] for i, axis in enumerate(XYZ)}
+    columns |= {f"normal_{axis}": normal[:, i] for i, axis in enumerate(XYZ)}
+    columns |= {f"force_on_a_{axis}_n": force[:, i] for i, axis in enumerate(XYZ)}
+    columns |= {name: reaction[:, i] for i, name in enumerate(("normal_force_n", "tangent1_force_n", "tangent2_force_n"))}
+    return {**columns, "gap_m": taken("gap"), "pressure_pa": taken("pressure"), "area_m2": taken("area")}
+
+
+class _Sink(Protocol):
+    def write(self, columns: Columns) -> None: ...
+
+
+class _Csv:
+    def __init__(self, file: Any) -> None:
+        self._file = file
+        self._begun = False
+
+    def write(self, columns: Columns) -> None:
+        if not self._begun:
+            self._begun = True
+            self._file.write(",".join(columns) + "\n")
+        # As many digits as bring the same number back; names hold no comma that would need care.
+        forms = {"f": {4: "%.9g", 8: "%r"}, "i": {}, "u": {}}
+        line = ",".join(forms[v.dtype.kind].get(v.dtype.itemsize, "%d") if v.dtype.kind in forms else "%s" for v in columns.values()) + "\n"
+        lists = [_quoted(values).tolist() for values in columns.values()]
+        self._file.writelines(line % row for row in zip(*lists, strict=True))
+
+
+def _quoted(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Texts as CSV wants them: in quotes where they hold a comma, a quote or a line break."""
+    if values.dtype.kind != "U":
+        return values
+    unique, which = np.unique(values, return_inverse=True)
+    safe = ['"' + text.replace('"', '""') + '"' if any(c in text for c in ',"\n\r') else text for text in unique.tolist()]
+    return np.array(safe, dtype=object)[which] if len(safe) else values
+
+
+class _Parquet:
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._writer: Any = None
+
+    def write(self, columns: Columns) -> None:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        table = pa.table({name: pa.array(values.tolist() if values.dtype.kind == "U" else values) for name, values in columns.items()})
+        if self._writer is None:
+            self._writer = pq.ParquetWriter(self._path, table.schema, compression="zstd")
+        self._writer.write_table(table.cast(self._writer.schema))
+
+    def close(self) -> None:
+        if self._writer is not None:
+            self._writer.close()
+
+
+@contextmanager
+def _csv_sink(path: Path) -> Iterator[_Sink]:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        yield _Csv(file)
+
+
+@contextmanager
+def _parquet_sink(path: Path) -> Iterator[_Sink]:
+    sink = _Parquet(path)
+    try:
+        yield sink
+    finally:
+        sink.close()
+
+
+def export_tables(
+    path: str | Path,
+    out: str | Path,
+    kind: Format,
+    *,
+    every: int = 1,
+    start: float | None = None,
+    end: float | None = None,
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Write the tables of the recording at ``path`` to the directory ``out`` as ``"csv"`` or ``"parquet"``; return their paths.
+
+    ``every`` takes each n-th step, ``start`` and ``end`` (s) bound the time. Raises ``MissingPackageError`` if Parquet is asked for
+    without pyarrow.
+    """
+    sinks: dict[Format, Callable[[Path], AbstractContextManager[_Sink]]] = {"csv": _csv_sink, "parquet": _parquet_sink}
+    if kind == "parquet":
+        try:
+            import pyarrow.parquet  # noqa: F401
+        except ImportError:
+            raise MissingPackageError.of("pyarrow", "to write Parquet", "parquet") from None
+    out = Path(out)
+    written: list[Path] = []
+    with SceneRecording(path) as recording:
+        window = window_of(recording, every, start, end)
+        out.mkdir(parents=True, exist_ok=True)
+        made = tables(recording)
+        for i, (name, columns_of) in enumerate(made.items()):
+            file = out / f"{name}.{kind}"
+            with sinks[kind](file) as sink:
+                for steps in window.blocks():
+                    sink.write(columns_of(steps))
+                    if progress is not None:
+                        done = (int(steps[-1]) - window.first + 1) / (window.last - window.first + 1)
+                        progress(file.name, (i + done) / len(made))
+            written.append(file)
+    return written
+
+
+__all__ = ["export_tables", "tables", "window_of"]

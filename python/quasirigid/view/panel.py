@@ -1,0 +1,207 @@
+"""The panel: buttons and sliders that turn into commands for the simulation thread, and figures that come back."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import viser
+
+from quasirigid.errors import QuasirigidError
+from quasirigid.grasp_options import GraspOptions
+from quasirigid.objects import FORMATS
+from quasirigid.view import words
+from quasirigid.view.draw import Layers
+from quasirigid.view.play import PULL_LIMIT, Figures, Play
+from quasirigid.view.session import Frame, Session
+from quasirigid.view.things import LARGEST_UPLOAD, SHAPES, built_in, from_upload
+
+SOFT = ("fingertip_pulp", "silicone", "ecoflex", "rubber")
+"""Materials that a fingertip may be of."""
+
+
+def from_page(event: Any) -> bool:
+    """Whether a person did it; values set by the program itself are not commands."""
+    return event.client is not None
+
+
+def set_value(handle: Any, value: object) -> None:
+    """Sets what an input shows; viser's own type for it is read-only to type checkers."""
+    handle.value = value
+
+
+class ViewPanel:
+    """What is shown and how; the same for live and recorded scenes."""
+
+    def __init__(self, server: viser.ViserServer, layers: Layers, changed: Callable[[], None]) -> None:
+        """``changed`` is called after ``layers`` was changed."""
+        gui = server.gui
+        boxes = {
+            "object": gui.add_checkbox("Object", layers.object),
+            "hand": gui.add_checkbox("Hand", layers.hand),
+            "patches": gui.add_checkbox("Patches", layers.patches, hint="Colour on the pads where they are pressed"),
+            "contact_forces": gui.add_checkbox("Contact forces", layers.contact_forces, hint="One arrow per contact; the longest is 5 mm"),
+            "finger_forces": gui.add_checkbox("Finger forces", layers.finger_forces, hint="Sum over each finger; 12 mm per N"),
+        }
+        for name, box in boxes.items():
+
+            def toggle(event: viser.GuiEvent[Any], name: str = name) -> None:
+                setattr(layers, name, event.target.value)
+                changed()
+
+            box.on_update(toggle)
+        opacity = gui.add_slider("Opacity of the object", 0.05, 1.0, 0.05, layers.object_opacity)
+        colours = gui.add_dropdown("Colour of patches", ("pressure", "stick and slip"), initial_value=layers.patch_colours)
+
+        @opacity.on_update
+        def _(event: viser.GuiEvent[Any]) -> None:
+            layers.object_opacity = float(event.target.value)
+            changed()
+
+        @colours.on_update
+        def _(event: viser.GuiEvent[Any]) -> None:
+            layers.patch_colours = event.target.value
+            changed()
+
+
+class ControlPanel:
+    """Run, hand, figures, object."""
+
+    def __init__(self, server: viser.ViserServer, session: Session, options: GraspOptions) -> None:
+        self._session, self._options = session, options
+        self._generation = -1
+        gui = server.gui
+        self._status = gui.add_html("")
+        self._pull = gui.add_html("")
+        self._complaint = gui.add_html("")
+        run = gui.add_button_group(
+            "Simulation", ("Run", "Pause", "Step", "Reset"), hint="Step is one time step; Reset brings back the start and all figures"
+        )
+        hand = gui.add_button_group("Hand", ("Close", "Open", "Lift", "Lower"))
+        speed = gui.add_slider("Speed (× real time)", 0.05, 2.0, 0.05, 1.0)
+        with gui.add_folder("Physics"):
+            self._sliders = {
+                "squeeze": gui.add_slider("Squeeze (N)", 0.5, 15.0, 0.1, 4.0, hint="Force of the thumb; the fingers share as much"),
+                "friction": gui.add_slider("Friction", 0.0, 1.5, 0.01, 0.7, hint="Coulomb coefficient between fingers and object"),
+                "mass": gui.add_slider("Mass (kg)", 0.02, 2.0, 0.01, 0.2),
+                "gravity": gui.add_slider("Gravity (m/s²)", 0.0, 20.0, 0.01, 9.81),
+            }
+            self._pad = gui.add_dropdown("Fingertips", SOFT, initial_value=SOFT[0])
+        with gui.add_folder("Object"):
+            given = None if options.object is None else options.object.stem
+            self._shape = gui.add_dropdown("Shape", (*SHAPES, *([given] if given else [])), initial_value=given or SHAPES[0])
+            upload = gui.add_upload_button(
+                "Load a file", mime_type=",".join(FORMATS), hint=f"{', '.join(FORMATS)}; at most {LARGEST_UPLOAD // 1024**2} MB"
+            )
+            self._note = gui.add_html("")
+        self._message = ""
+        self._lock = threading.Lock()
+
+        @run.on_click
+        def _(event: viser.GuiEvent[Any]) -> None:
+            actions = {"Run": lambda: session.run(True), "Pause": lambda: session.run(False), "Step": session.single, "Reset": self._reset}
+            actions[event.target.value]()
+
+        @hand.on_click
+        def _(event: viser.GuiEvent[Any]) -> None:
+            actions: dict[str, Callable[[Play], None]] = {
+                "Close": Play.close,
+                "Open": Play.open,
+                "Lift": lambda play: play.lift(True),
+                "Lower": lambda play: play.lift(False),
+            }
+            session.do(actions[event.target.value])
+
+        @speed.on_update
+        def _(event: viser.GuiEvent[Any]) -> None:
+            if from_page(event):
+                session.set_speed(float(event.target.value))
+
+        setters: dict[str, Callable[[Play, float], None]] = {
+            "squeeze": Play.set_squeeze,
+            "friction": Play.set_friction,
+            "mass": Play.set_mass,
+            "gravity": Play.set_gravity,
+        }
+        for name, slider in self._sliders.items():
+
+            def set_figure(event: viser.GuiEvent[Any], setter: Callable[[Play, float], None] = setters[name]) -> None:
+                if from_page(event):
+                    value = float(event.target.value)
+                    session.do(lambda play: setter(play, value))
+
+            slider.on_update(set_figure)
+
+        @self._pad.on_update
+        def _(event: viser.GuiEvent[Any]) -> None:
+            if from_page(event):
+                name = event.target.value
+                session.do(lambda play: play.set_pad(name))
+
+        @self._shape.on_update
+        def _(event: viser.GuiEvent[Any]) -> None:
+            if from_page(event) and event.target.value in SHAPES:
+                name = event.target.value
+                self._load(lambda o, mu, _density: built_in(name, o, mu))
+
+        @upload.on_upload
+        def _(event: viser.GuiEvent[Any]) -> None:
+            file = event.target.value
+            self._say("")
+            self._load(lambda o, mu, density: from_upload(file.name, file.content, o, mu, density))
+            name = Path(file.name).stem
+            if not self._message and name not in SHAPES:
+                self._shape.options = (*SHAPES, name)
+                set_value(self._shape, name)
+
+    def _load(self, taken: Callable[[GraspOptions, float, float], Any]) -> None:
+        """Builds a grasp of another object here, not in the simulation thread, and then swaps it in."""
+        options = replace(self._options, object=None, scale=None, size=None)
+        try:
+            play = Play(options, taken)
+        except QuasirigidError as error:
+            self._say(str(error))
+            return
+        self._say("")
+        self._note.content = words.note("; ".join(play.grasp.taken.warnings))
+        self._session.load(lambda: play)
+
+    def _reset(self) -> None:
+        self._say("")
+        self._session.reset()
+
+    def _say(self, text: str) -> None:
+        with self._lock:
+            self._message = text
+            self._complaint.content = words.complaint(text)
+
+    def show(self, frame: Frame) -> None:
+        """Figures of a frame; sliders follow a rebuilt world."""
+        self._status.content = words.figures(
+            frame.state.phase,
+            frame.state.time,
+            frame.real_time,
+            frame.speed,
+            frame.step_time,
+            len(frame.state.contacts),
+            running=frame.running,
+        )
+        self._pull.content = words.force(0.0 if frame.pulled is None else frame.pulled[2], PULL_LIMIT)
+        try:
+            while True:
+                self._say(self._session.complaints.get_nowait())
+        except queue.Empty:
+            pass
+        if frame.generation != self._generation:
+            self._generation = frame.generation
+            self._follow(frame.figures)
+
+    def _follow(self, figures: Figures) -> None:
+        for name, slider in self._sliders.items():
+            set_value(slider, float(min(max(getattr(figures, name), slider.min), slider.max)))
+        if figures.pad in SOFT:
+            set_value(self._pad, figures.pad)

@@ -1,0 +1,290 @@
+"""The interactive grasp: a world, and what a person can do to it. Belongs to the simulation thread alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from quasirigid._quasirigid import Material, StepReport, Surface
+from quasirigid.errors import QuasirigidError
+from quasirigid.grasp import LIFT, Grasp, Taken, minimum_jerk
+from quasirigid.grasp_options import GraspOptions
+from quasirigid.summary import FloatArray, conjugate, rotate
+from quasirigid.view.scene import SceneState
+from quasirigid.view.world_scene import WorldScene
+
+PEDESTAL = (0.016, 0.016, 0.012)
+"""Smaller than that of the experiment: a wide patch between two hard bodies is what a step takes longest for."""
+MAT = 0.6
+"""Side of the soft mat on which things fall, m."""
+BASE_SPEED, BASE_TURN = 0.25, 2.5
+"""The hand's base follows its gizmo no faster than this, m/s and rad/s."""
+FINGER_SPEED = 0.15
+"""Nor do fingertips, m/s."""
+FOLLOW = 0.05
+"""Time constant with which both follow, s."""
+IK_EVERY = 5
+"""Steps between two looks at where a fingertip should go."""
+PULL_FREQUENCY = 5.0
+"""Of the spring with which a person pulls the object, Hz: stiff enough to follow the mouse, soft enough to feel it give."""
+PULL_LIMIT = 15.0
+"""Strongest pull, N."""
+LOST = 0.5
+"""Objects farther away than this are lost, m."""
+EMPTY = 0.02
+"""A hand that presses with less holds nothing, N."""
+STAND_GOES = 0.4
+"""The stand of an object lets go within so many seconds once the fingers hold it."""
+SOLVER_BUDGET = 4e-3
+"""Seconds for the solver in one step: an impact on a hard edge must not make the page wait."""
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What the sliders say."""
+
+    squeeze: float
+    """N."""
+    friction: float
+    mass: float
+    """kg."""
+    gravity: float
+    """m/s^2, downwards."""
+    pad: str
+    """Material of the fingertips."""
+
+
+class Play:
+    """A grasp to play with. Every method is called from the simulation thread."""
+
+    def __init__(self, options: GraspOptions, taken: Callable[[GraspOptions, float, float], Taken] | None = None) -> None:
+        """``taken`` makes the object from options, friction and density; ``None`` is the one the options speak of."""
+        self.options = options
+        self._make = taken
+        self._prepared: Taken | None = None
+        self.build()
+
+    def build(self) -> None:
+        """Make the world anew: everything as at the start. Raises the errors of ``quasirigid.errors`` and then leaves all as it was."""
+        prepared = self._prepared
+        if prepared is None and self._make is not None:
+            stuff = Material.preset(self.options.material)
+            friction = np.sqrt(stuff.friction * Material.preset("fingertip_pulp").friction)
+            prepared = self._make(self.options, float(friction if self.options.friction is None else self.options.friction), stuff.density)
+        grasp = Grasp(self.options, taken=prepared, pedestal=PEDESTAL, time_budget=SOLVER_BUDGET)
+        self._prepared = grasp.taken  # surfaces are made once
+        self.grasp, self.world, self.hand, self.object = grasp, grasp.world, grasp.hand, grasp.object
+        self.grip = grasp.grip
+        floor = float(grasp.support.position[2]) - (PEDESTAL[2] / 2 if grasp.taken.flat else 1e-3)
+        mat = Surface.half_space(MAT, points=2_500)
+        soft = Material.preset("silicone")
+        grasp.support.material = soft
+        self.world.add_body(mat, soft, motion="fixed", position=(0.0, 0.0, floor), name="mat")
+        self.scene = WorldScene(self.world)
+        pad = self.hand.material
+        assert pad is not None
+        self.figures = Figures(grasp.taken.squeeze, grasp.friction, self.object.mass, 9.81, pad.name)
+        self.base = (self.hand.position, self.hand.quaternion)
+        self._home = self.base
+        self._aim = self.base
+        self._fingers: dict[int, FloatArray] = {}
+        self._aims: dict[int, FloatArray] = {}
+        self._facing: dict[int, FloatArray] = {}
+        self._pull: tuple[FloatArray, FloatArray] | None = None
+        self._stand = 1.0
+        self._count = 0
+        self.report: StepReport | None = None
+
+    # What the buttons and sliders do.
+
+    def set_squeeze(self, newtons: float) -> None:
+        """Squeeze with this force."""
+        self.grip.squeeze = newtons
+        self.figures = replace(self.figures, squeeze=newtons)
+
+    def set_friction(self, coefficient: float) -> None:
+        """Coulomb coefficient between fingers and object: both get it."""
+        for thing in (self.hand, self.object):
+            material = thing.material
+            assert material is not None
+            thing.material = material.replace(friction=coefficient)
+        self.figures = replace(self.figures, friction=coefficient)
+
+    def set_mass(self, kilograms: float) -> None:
+        """Make the object heavier or lighter."""
+        self.object.set_mass(self.grasp.taken.mass.scaled_to_mass(kilograms))
+        self.figures = replace(self.figures, mass=kilograms)
+
+    def set_gravity(self, acceleration: float) -> None:
+        """Gravity downwards, m/s^2."""
+        self.world.gravity = (0.0, 0.0, -acceleration)
+        self.figures = replace(self.figures, gravity=acceleration)
+
+    def set_pad(self, name: str) -> None:
+        """Make the fingertips of another material; the friction stays what the slider says."""
+        self.hand.material = Material.preset(name).replace(friction=self.figures.friction, compliance=self.options.compliance)
+        self.figures = replace(self.figures, pad=name)
+
+    def close(self) -> None:
+        """Close the hand."""
+        self._release_fingers()
+        self.grip.close()
+
+    def open(self) -> None:
+        """Open the hand."""
+        self._release_fingers()
+        self.grip.open()
+
+    def lift(self, up: bool) -> None:
+        """Send the hand up, or back to where it started. The squeeze is kept up on the way."""
+        if self.grip.state in ("squeezing", "holding"):
+            self._let_stand_go()
+            self.grip.squeeze = self.figures.squeeze
+        place, turn = self._home
+        self._aim = (place + np.array([0.0, 0.0, LIFT if up else 0.0]), turn)
+
+    # What hands on the scene do.
+
+    def aim_base(self, position: FloatArray, quaternion: FloatArray) -> None:
+        """Where the hand's base shall go; it follows at the pace of a hand."""
+        if self.grip.state == "holding" and self._stand > 0.0:
+            self._let_stand_go()
+        self._aim = (position, quaternion)
+
+    def aim_finger(self, finger: int, position: FloatArray) -> None:
+        """Where the middle of a fingertip's pad shall go, world; the grip lets go of all joints."""
+        positions, quaternions = self.hand.tip_poses()
+        if finger not in self._fingers:
+            self._fingers[finger] = self._in_hand(positions[finger])
+            self._facing[finger] = rotate(conjugate(self.hand.quaternion), rotate(quaternions[finger], np.array([0.0, 0.0, 1.0])))
+        self._aims[finger] = self._in_hand(position)
+
+    def pull(self, grabbed: FloatArray | None, to: FloatArray | None) -> None:
+        """Pull the object at ``grabbed``, (3,) m, object frame, towards ``to``, (3,) m, world; ``None`` lets go."""
+        self._pull = None if grabbed is None or to is None else (grabbed, to)
+        if self._pull is None:
+            self.object.apply_wrench((0.0, 0.0, 0.0))
+        else:
+            self._let_stand_go()
+
+    @property
+    def pulled(self) -> tuple[FloatArray, FloatArray, float] | None:
+        """Where the object is pulled, to where, (3,) m each, world, and with what force, N."""
+        if self._pull is None:
+            return None
+        start = self.object.position + rotate(self.object.quaternion, self._pull[0])
+        return start, self._pull[1], float(np.linalg.norm(self._pull_force(start)))
+
+    def step(self) -> StepReport:
+        """One step of the world."""
+        self._count += 1
+        self._move_base()
+        if self._fingers:
+            self._move_fingers()
+        else:
+            self.grip.update()
+        if self._pull is not None:
+            self._apply_pull()
+        if self._stand > 0.0 and not self.grasp.taken.flat and self.grip.state == "holding":
+            self._stand = max(0.0, self._stand - self.world.dt / STAND_GOES)
+            self.grasp.hold_by_stand(minimum_jerk(self._stand))
+        self.report = self.world.step()
+        return self.report
+
+    def state(self) -> SceneState:
+        """The world now."""
+        return self.scene.state(self.report, self.phase)
+
+    @property
+    def phase(self) -> str:
+        """What is going on."""
+        if self.report is not None and self.report.quarantined:
+            return "a body was set aside: press Reset"
+        if float(np.linalg.norm(self.object.position - self._home[0])) > LOST:
+            return "the object is out of reach: press Reset"
+        if self.grip.state == "holding" and float(np.abs(self.grip.forces()).max()) < EMPTY:
+            return "nothing in the hand: press Open and Close, or Reset"
+        return "fingers by hand" if self._fingers else self.grip.state
+
+    def finger_aims(self) -> FloatArray:
+        """Where each fingertip is, or is sent, (fingers, 3) m, world: where its gizmo belongs."""
+        places = self.hand.tip_poses()[0]
+        for finger, place in self._aims.items():
+            places[finger] = self.hand.position + rotate(self.hand.quaternion, place)
+        return places
+
+    @property
+    def base_aim(self) -> tuple[FloatArray, FloatArray]:
+        """Where the base is sent."""
+        return self._aim
+
+    def _in_hand(self, point: FloatArray) -> FloatArray:
+        return rotate(conjugate(self.hand.quaternion), point - self.hand.position)
+
+    def _release_fingers(self) -> None:
+        self._fingers.clear()
+        self._aims.clear()
+        self._facing.clear()
+
+    def _let_stand_go(self) -> None:
+        self._stand = 0.0
+        self.grasp.hold_by_stand(0.0)
+
+    def _move_base(self) -> None:
+        place, turn = self.base
+        goal, wanted = self._aim
+        dt = self.world.dt
+        way = goal - place
+        distance = float(np.linalg.norm(way))
+        if distance > 1e-9:
+            place = place + way * min(dt / FOLLOW, BASE_SPEED * dt / distance, 1.0)
+        towards = wanted if turn @ wanted >= 0.0 else -wanted
+        angle = 2.0 * float(np.arccos(min(1.0, abs(float(turn @ wanted)))))
+        if angle > 1e-7:
+            share = min(dt / FOLLOW, BASE_TURN * dt / angle, 1.0)
+            turn = turn + share * (towards - turn)  # small steps: the straight way between unit quaternions will do
+            turn = turn / np.linalg.norm(turn)
+        if distance > 1e-9 or angle > 1e-7:
+            self.base = (place, turn)
+            self.hand.move_to(place, turn)
+
+    def _move_fingers(self) -> None:
+        if self._count % IK_EVERY:
+            return
+        targets = self.hand.joint_targets
+        most = IK_EVERY * self.world.dt
+        for finger, place in self._fingers.items():
+            way = self._aims[finger] - place
+            distance = float(np.linalg.norm(way))
+            if distance < 1e-7:
+                continue
+            next_place = place + way * min(most / FOLLOW, FINGER_SPEED * most / distance, 1.0)
+            try:
+                targets[finger] = self.hand.inverse_kinematics(finger, next_place, self._facing[finger])
+            except QuasirigidError:
+                continue  # out of reach: the finger stays where it could go
+            self._fingers[finger] = next_place
+        self.hand.joint_targets = targets
+
+    def _pull_force(self, start: FloatArray) -> FloatArray:
+        assert self._pull is not None
+        mass = max(self.object.mass, 1e-3)
+        stiffness = mass * (2.0 * np.pi * PULL_FREQUENCY) ** 2
+        force = stiffness * (self._pull[1] - start)
+        size = float(np.linalg.norm(force))
+        limited: FloatArray = force * min(1.0, PULL_LIMIT / size) if size > 0.0 else force
+        return limited
+
+    def _apply_pull(self) -> None:
+        """A damped spring from the grabbed point to the pointer: `F = k (x* - x) - c v`, critically damped for the free object."""
+        assert self._pull is not None
+        start = self.object.position + rotate(self.object.quaternion, self._pull[0])
+        arm = start - self.object.centre_of_mass
+        mass = max(self.object.mass, 1e-3)
+        damping = 2.0 * mass * 2.0 * np.pi * PULL_FREQUENCY
+        force = self._pull_force(start) - damping * self.object.linear_velocity
+        spin = self.object.angular_velocity
+        torque = np.cross(arm, self._pull_force(start)) - damping * 4e-4 * spin  # (2 cm)^2: swings die down
+        self.object.apply_wrench(force, torque)

@@ -1,0 +1,59 @@
+"""Curves of the last seconds: force of every finger, computing time of a step, number of contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import viser
+from viser import uplot
+
+from quasirigid.palette import FINGER_COLOURS
+from quasirigid.view.scene import SceneModel
+
+HEIGHT = 132
+"""Of each plot, px."""
+GREY = "#6b7280"
+
+
+class Curves:
+    """Three plots over simulated time. Made inside the container that shall hold them."""
+
+    def __init__(self, server: viser.ViserServer, model: SceneModel) -> None:
+        names = model.fingers or ("force",)
+        self._fingers = len(names)
+        look = [(name, FINGER_COLOURS[i % 6]) for i, name in enumerate(names)]
+        self._force = _plot(server, "Normal force, N", look)
+        self._step = _plot(server, "Time for a step, ms", [("step", GREY)])
+        self._contacts = _plot(server, "Contacts", [("contacts", GREY)])
+
+    def show(self, times: Sequence[float], forces: Sequence[Sequence[float]], steps: Sequence[float], contacts: Sequence[int]) -> None:
+        """``times`` (n,) s, ``forces`` (n, fingers) N, ``steps`` (n,) s, ``contacts`` (n,)."""
+        if len(times) < 2:
+            times, forces, steps, contacts = (0.0, 1.0), np.zeros((2, self._fingers)).tolist(), (0.0, 0.0), (0, 0)
+        t = np.asarray(times, dtype=np.float64)
+        by_finger = np.zeros((len(t), self._fingers))
+        given = np.asarray(forces, dtype=np.float64).reshape(len(t), -1)
+        by_finger[:, : given.shape[1]] = given  # a world without a hand has none
+        self._force.data = (t, *(np.ascontiguousarray(by_finger[:, i]) for i in range(self._fingers)))
+        self._step.data = (t, 1e3 * np.asarray(steps, dtype=np.float64))
+        self._contacts.data = (t, np.asarray(contacts, dtype=np.float64))
+
+    def remove(self) -> None:
+        """Takes the plots out of the page."""
+        for plot in (self._force, self._step, self._contacts):
+            plot.remove()
+
+
+def _plot(server: viser.ViserServer, title: str, look: Sequence[tuple[str, str]]) -> viser.GuiUplotHandle:
+    nothing = np.array([0.0, 1.0])
+    return server.gui.add_uplot(
+        data=(nothing, *(np.zeros(2) for _ in look)),
+        series=(uplot.Series(label="time, s"), *(uplot.Series(label=name, stroke=colour, width=2) for name, colour in look)),
+        title=title,
+        scales={"x": uplot.Scale(time=False), "y": uplot.Scale(auto=True)},
+        axes=(uplot.Axis(size=24, font="10px sans-serif"), uplot.Axis(size=36, font="10px sans-serif")),
+        legend=uplot.Legend(show=False),
+        height=HEIGHT,
+        padding=(12, 10, 0, 0),
+    )

@@ -1,0 +1,131 @@
+"""Pressure and friction as colours: the colour map, the scale of its legend, and the pressure at the points of a pad."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib import colormaps
+
+from quasirigid.view.scene import ContactsState, FloatArray, SceneState
+
+STICK, SLIP = 1, 2
+STICK_COLOUR, SLIP_COLOUR = "#0072B2", "#E69F00"
+"""Blue and orange: told apart with any colour vision. Slipping contacts carry a cross as well."""
+COLOURS: npt.NDArray[np.uint8] = (colormaps["viridis"](np.linspace(0.0, 1.0, 256))[:, :3] * 255.0).round().astype(np.uint8)
+"""Viridis, (256, 3): perceptually uniform, colour-blind-safe."""
+
+
+def rgb(text: str) -> npt.NDArray[np.uint8]:
+    """(3,) of ``"#0072B2"``."""
+    return np.array([int(text[i : i + 2], 16) for i in (1, 3, 5)], dtype=np.uint8)
+
+
+def colour_map(share: FloatArray) -> npt.NDArray[np.uint8]:
+    """(n, 3) colours of ``share`` (n,) of the full scale."""
+    return COLOURS[(np.clip(share, 0.0, 1.0) * 255.0).astype(np.int64)]
+
+
+@dataclass
+class Scale:
+    """Full scale of the pressure colours, Pa: 1, 2 or 5 times a power of ten, and calm: it grows at once and shrinks late."""
+
+    top: float = 50e3
+    least: float = 1e3
+
+    def follow(self, peak: float) -> bool:
+        """Takes in the highest pressure of now; whether the scale changed."""
+        wanted = nice_above(max(peak, self.least))
+        if wanted > self.top or (wanted <= 0.25 * self.top and peak > 0.0):
+            self.top = wanted
+            return True
+        return False
+
+
+def nice_above(value: float) -> float:
+    """The least of 1, 2, 5 times a power of ten that is not below ``value``."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1.0 - 1e-9))
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """The contacts of one body, in its frame."""
+
+    points: FloatArray
+    """(c, 3) m."""
+    pressures: FloatArray
+    """(c,) Pa."""
+    shear: FloatArray
+    """(c, 3) Pa: friction on the body over area, body axes."""
+    areas: FloatArray
+    """(c,) m^2."""
+    status: npt.NDArray[np.uint8]
+
+    def near(self, points: FloatArray) -> npt.NDArray[np.int64]:
+        """Which of ``points`` (n, 3) may be under pressure: those in a sphere around the loaded contacts."""
+        loaded = self.points[self.pressures > 0.0]
+        if len(loaded) == 0:
+            return np.zeros(0, dtype=np.int64)
+        middle = loaded.mean(axis=0)
+        reach = math.sqrt(float(((loaded - middle) ** 2).sum(axis=1).max())) + 1.5 * math.sqrt(float(self.areas.mean()))
+        return np.flatnonzero(((points - middle) ** 2).sum(axis=1) < reach * reach)
+
+
+def matrix_of(q: FloatArray) -> FloatArray:
+    """Rotation matrix (3, 3) of a unit quaternion (4,)."""
+    w, x, y, z = q
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def patch_of(state: SceneState, body: int) -> Patch:
+    """The contacts of a body."""
+    contacts: ContactsState = state.contacts
+    mine = (contacts.body_a == body) | (contacts.body_b == body)
+    turn = matrix_of(state.quaternions[body])
+    sign = np.where(contacts.body_a[mine] == body, 1.0, -1.0)[:, None]
+    along = contacts.reactions[mine, :1] * contacts.normals[mine]
+    friction = sign * (contacts.forces[mine] - along) / contacts.areas[mine, None]
+    return Patch(
+        points=(contacts.points[mine] - state.positions[body]) @ turn,
+        pressures=contacts.pressures[mine],
+        shear=friction @ turn,
+        areas=contacts.areas[mine],
+        status=contacts.status[mine],
+    )
+
+
+def pressure_at(points: FloatArray, patch: Patch) -> FloatArray:
+    """Pressure (n,) Pa at ``points`` (n, 3), same frame: that of the contacts around, a Gaussian as wide as they are apart."""
+    if len(patch.points) == 0 or patch.pressures.max(initial=0.0) <= 0.0:
+        return np.zeros(len(points))
+    apart = float(np.sqrt(patch.areas.mean()))
+    h = 0.8 * apart
+    # Single precision about the middle of the patch: far below what a colour shows.
+    middle = patch.points.mean(axis=0)
+    there, spots = (points - middle).astype(np.float32) / h, (patch.points - middle).astype(np.float32) / h
+    square = (there**2).sum(axis=1)[:, None] + (spots**2).sum(axis=1)[None] - 2.0 * there @ spots.T
+    weight = np.exp(-np.clip(square, 0.0, 80.0))
+    # Where few contacts are around, at the rim, the rest counts as unloaded. Within the patch the sum is pi (h / apart)^2.
+    total = np.maximum(weight.sum(axis=1), 0.75 * math.pi * (h / apart) ** 2)
+    result: FloatArray = (weight @ patch.pressures.astype(np.float32)).astype(np.float64) / total
+    return result
+
+
+def alike(one: SceneState, two: SceneState) -> bool:
+    """Whether forces and patches look the same in both."""
+    a, b = one.contacts, two.contacts
+    if len(a) != len(b) or not np.array_equal(a.status, b.status) or one.moved.keys() != two.moved.keys():
+        return False
+    if len(a) == 0:
+        return True
+    same = np.abs(a.forces - b.forces).max() < 1e-4 * np.abs(a.forces).max() and np.abs(a.points - b.points).max() < 5e-6
+    return bool(same)

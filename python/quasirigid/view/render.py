@@ -1,0 +1,395 @@
+"""Pictures and films of a recording, without a browser: drawn by our own scan lines, written by Pillow and ffmpeg.
+
+The camera is orthographic and stands still, so that lengths can be read off and films compared. The object is drawn as if of glass: the
+soft pads and the pressure on them show through it.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from quasirigid.errors import InvalidShapeError, InvalidValueError, UnknownNameError
+from quasirigid.scene_plot import CELL, compose, floor_lines, pad_colours, soft_shadow, tinted, view_of
+from quasirigid.scene_recording import SceneRecording
+from quasirigid.scene_shot import spread
+from quasirigid.splats import Camera, FloatArray, Layer, halved
+from quasirigid.summary import rotate
+from quasirigid.triangles import IntArray, rasterise
+from quasirigid.view.media import Film, Frame, frame_steps, open_writer
+from quasirigid.view.overlay import Layout, Overlay
+from quasirigid.view.scene import BodyView, SceneState
+
+FINE = 2
+"""Drawn this many times larger, then reduced: smooth edges."""
+SMALLEST, LARGEST = (320, 180), (3840, 2160)
+"""Sizes of a picture, px."""
+CAMERAS = {"front": (0.0, 0.0), "right": (90.0, 0.0), "back": (180.0, 0.0), "left": (270.0, 0.0), "top": (0.0, 90.0)}
+"""Names of cameras: azimuth from -y towards +x and height above the horizon, degrees."""
+REACH = 0.125
+"""The floor's grid fades out at this distance from the middle, m."""
+FLAT = 2e-3
+"""What rises no higher than this above the floor counts as the floor, m."""
+NEAR = 0.12
+"""An object farther than this from the fingertips has fallen, and the camera does not follow it, m."""
+WORTH_JOBS = 12
+"""Fewer frames are drawn before other processes have started."""
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """What to draw. Times in s of simulated time; ``None`` is the start or the end of the recording."""
+
+    fps: float = 30.0
+    size: tuple[int, int] = (1280, 720)
+    """Width and height, px."""
+    camera: str = "auto"
+    """``"auto"``, a name of ``CAMERAS``, or ``"azimuth,height"`` in degrees."""
+    start: float | None = None
+    end: float | None = None
+    speed: float = 1.0
+    """Simulated seconds per second of film."""
+    labels: bool = True
+    """Forces, time, scale and legend beside and over the scene."""
+    single: bool = False
+    """One picture, of the end, whatever the file."""
+
+    def check(self) -> None:
+        """Raises ``InvalidValueError`` or ``InvalidShapeError`` for what cannot be drawn."""
+        width, height = self.size
+        if not (SMALLEST[0] <= width <= LARGEST[0] and SMALLEST[1] <= height <= LARGEST[1]):
+            expected = f"width and height from {SMALLEST[0]}x{SMALLEST[1]} to {LARGEST[0]}x{LARGEST[1]} px"
+            raise InvalidShapeError("size", expected, f"{width}x{height}", "give --size 1280x720")
+        if not (np.isfinite(self.speed) and self.speed > 0.0):
+            raise InvalidValueError("speed", "above 0; 1 is real time", self.speed, "give --speed 0.25 for slow motion")
+        for name, value in (("from", self.start), ("to", self.end)):
+            if value is not None and not np.isfinite(value):
+                raise InvalidValueError(name, "a time in s", value, f"leave --{name} out for the whole recording")
+
+
+def span(recording: SceneRecording, options: RenderOptions) -> tuple[float, float]:
+    """First and last time to be drawn, s, within the recording. Raises ``InvalidValueError`` if nothing is left."""
+    first, last = float(recording.times[0]), float(recording.times[-1])
+    start = first if options.start is None else max(options.start, first)
+    end = last if options.end is None else min(options.end, last)
+    if start > end:
+        got = f"{options.start if options.start is not None else first:g} to {options.end if options.end is not None else last:g} s"
+        raise InvalidValueError("from, to", f"a time within the recording, {first:g} to {last:g} s", got, "choose another --from or --to")
+    return start, end
+
+
+def towards(camera: str, recording: SceneRecording, state: SceneState) -> FloatArray:
+    """Unit vector (3,) towards the viewer, world. Raises ``UnknownNameError`` for an unknown camera."""
+    if camera == "auto":
+        names = [body.name for body in recording.model.bodies]
+        centre = _middle(recording, state)
+        if "palm" in names:
+            palm = names.index("palm")
+            return view_of(np.concatenate([state.positions[palm], state.quaternions[palm]]), centre)
+        angles = (35.0, 20.0)
+    elif camera in CAMERAS:
+        angles = CAMERAS[camera]
+    else:
+        try:
+            azimuth, height = (float(part) for part in camera.split(","))
+        except ValueError:
+            expected = f"auto, {', '.join(CAMERAS)}, or azimuth,height in degrees"
+            raise UnknownNameError("camera", expected, camera, "give --camera 30,20") from None
+        if not (abs(azimuth) <= 360.0 and abs(height) <= 90.0):
+            raise InvalidValueError("camera", "azimuth within 360 and height within 90 degrees", camera, "give --camera 30,20")
+        angles = (azimuth, height)
+    turn, lift = np.radians(angles)
+    view: FloatArray = np.array([np.sin(turn) * np.cos(lift), -np.cos(turn) * np.cos(lift), np.sin(lift)])
+    return view
+
+
+def _middle(recording: SceneRecording, state: SceneState) -> FloatArray:
+    """Middle of the fingertips, or of the objects where there are none, (3,) m."""
+    kinds = [body.kind for body in recording.model.bodies]
+    for kind in ("fingertip", "object"):
+        mine = [i for i, k in enumerate(kinds) if k == kind]
+        if mine:
+            middle: FloatArray = state.positions[mine].mean(axis=0)
+            return middle
+    return state.positions.mean(axis=0) if len(state.positions) else np.zeros(3)
+
+
+def world_points(body: BodyView, state: SceneState, index: int) -> FloatArray:
+    """The points of a body where they are now, (n, 3) m, world."""
+    points = body.points
+    if index in state.moved:
+        points = points.copy()
+        points[state.moved[index].indices] = state.moved[index].points
+    placed: FloatArray = rotate(state.quaternions[index], points) + state.positions[index]
+    return placed
+
+
+def world_normals(body: BodyView, state: SceneState, index: int, points: FloatArray) -> FloatArray:
+    """The normals of a body now, (n, 3), world: where ``points`` (as of ``world_points``) are displaced, those of the triangles around."""
+    normals: FloatArray = rotate(state.quaternions[index], body.normals)
+    if index in state.moved and len(body.faces):
+        corner = points[body.faces]
+        flat = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        around = np.zeros_like(points)
+        for i in range(3):
+            np.add.at(around, body.faces[:, i], flat)
+        length = np.linalg.norm(around, axis=1)
+        mine = state.moved[index].indices
+        mine = mine[length[mine] > 0.0]
+        normals[mine] = around[mine] / length[mine, None]
+    return normals
+
+
+class Renderer:
+    """Draws the steps of a recording, all with one camera."""
+
+    def __init__(self, recording: SceneRecording, options: RenderOptions | None = None) -> None:
+        """Choose camera and scales so that everything between the times of ``options`` is seen."""
+        self.options = options or RenderOptions()
+        self.options.check()
+        self.recording = recording
+        start, end = span(recording, self.options)
+        first, last = recording.step_at(start), recording.step_at(end)
+        self.layout = Layout.of(self.options.size, panel=self.options.labels and bool(recording.model.fingers))
+        samples = [recording.state(int(i)) for i in np.unique(np.linspace(first, last, 25).round().astype(int))]
+        self.floor = recording.model.floor
+        back = towards(self.options.camera, recording, samples[-1])
+        # Seen from the side or from below, a floor is a line or hides everything: there is none then.
+        self._has_floor = bool(back[2] > 0.05)
+        width, height = self.layout.scene[2:]
+        self.camera = self._camera(back, samples, (width, height))
+        self._middle = _middle(recording, samples[0])
+        self._ground, self._lines = (np.zeros(0), np.zeros(0)), np.zeros((height, width))
+        if self._has_floor:
+            coarse = self.camera
+            x, y, _ = coarse.plane(self.floor)
+            self._ground = (x - self._middle[0], y - self._middle[1])
+            fine = Camera(coarse.axes, coarse.centre, FINE * coarse.scale, (FINE * width, FINE * height))
+            xs, ys, _ = fine.plane(self.floor)
+            self._lines = halved(floor_lines(xs, ys, self._middle, REACH)[..., None], FINE)[..., 0]
+        # Of a single moment, chart and colours are those of the whole recording.
+        shown = (start, end) if last > first else (float(recording.times[0]), float(recording.times[-1]))
+        self.peak = max(recording.peak_pressure(recording.step_at(shown[0]), recording.step_at(shown[1])), 1.0)
+        self.overlay = Overlay(recording, self.layout, self.camera, self.peak, shown) if self.options.labels else None
+
+    def _camera(self, back: FloatArray, samples: list[SceneState], size: tuple[int, int]) -> Camera:
+        """The camera that has all that moves in the picture."""
+        up = np.array([0.0, 0.0, 1.0]) if abs(back[2]) < 0.99 else np.array([0.0, 1.0, 0.0])
+        camera = Camera.towards(back, up, np.zeros(3), 1.0, size)
+        bodies = self.recording.model.bodies
+        held = any(body.kind == "fingertip" for body in bodies)
+        low, high = np.full(2, np.inf), np.full(2, -np.inf)
+        for everything in (False, True):
+            for state in samples:
+                middle = _middle(self.recording, state)
+                for i, body in enumerate(bodies):
+                    fallen = held and body.kind == "object" and np.linalg.norm(state.positions[i] - middle) > NEAR
+                    if len(body.points) and (everything or (body.kind != "support" and not fallen)):
+                        some = rotate(state.quaternions[i], body.points[:: max(1, len(body.points) // 400)]) + state.positions[i]
+                        if state is samples[0] and body.kind == "object" and back[2] > 0.0:
+                            # With its shadow on the floor.
+                            some = np.concatenate([some, np.column_stack([some[:, :2], np.full(len(some), self.floor)])])
+                        seen = camera.project(some)[:, :2]
+                        low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
+            if np.isfinite(low).all():
+                break
+        else:
+            low, high = np.full(2, -0.1), np.full(2, 0.1)
+        room = np.maximum(1.12 * (high - low), 0.01)
+        scale = float(min(size[0] / room[0], size[1] / room[1]))
+        return Camera(camera.axes, camera.axes[:, :2] @ (0.5 * (low + high)), scale, size)
+
+    def frame(self, step: int) -> Frame:
+        """The picture of a step: (height, width, 3) ``uint8``."""
+        state = self.recording.state(step)
+        solid, glass = self._parts(state)
+        left, top, width, height = self.layout.scene
+        scene = self._ground_with(solid + glass)
+        self._draw(scene, solid, glass)
+        image = np.ones((self.options.size[1], self.options.size[0], 3), np.float32)
+        image[top : top + height, left : left + width] = scene
+        frame: Frame = (255.0 * np.clip(image, 0.0, 1.0) + 0.5).astype(np.uint8)
+        return frame if self.overlay is None else self.overlay.draw(frame, state, self)
+
+    def _parts(self, state: SceneState) -> tuple[list[Part], list[Part]]:
+        solid: list[Part] = []
+        glass: list[Part] = []
+        for i, body in enumerate(self.recording.model.bodies):
+            if not len(body.faces) or i in state.quarantined:
+                continue
+            part = self.posed(state, i)
+            if body.kind == "support" and self._has_floor:
+                # A support that is lowered sinks into the floor; a flat one that lies there is the floor.
+                above = part.points[body.faces, 2] > self.floor + FLAT
+                part = replace(part, faces=body.faces[above.any(axis=1)])
+            (glass if body.kind == "object" and self._pads_show() else solid).append(part)
+        return solid, glass
+
+    def posed(self, state: SceneState, index: int) -> Part:
+        """A body where it is and as it is deformed; a fingertip has the colours of its pressure."""
+        body = self.recording.model.bodies[index]
+        points = world_points(body, state, index)
+        colours = np.tile(np.array([*body.colour, 0.0], np.float32), (len(points), 1))
+        if body.kind == "fingertip":
+            colours = self.pad_colours(points, state, index)
+        return Part(points, world_normals(body, state, index, points), colours, body.faces)
+
+    def _pads_show(self) -> bool:
+        """Glass is for seeing pads through it: without fingertips, objects are solid."""
+        return bool(self.recording.model.fingertips())
+
+    def pad_colours(self, points: FloatArray, state: SceneState, body: int) -> FloatArray:
+        """Colours (n, 4) of a fingertip's ``points`` under the pressure of its contacts."""
+        c = state.contacts
+        mine = ((c.body_a == body) | (c.body_b == body)) & (c.pressures > 0.0)
+        return pad_colours(spread(points, c.points[mine], c.pressures[mine], c.areas[mine]), self.peak)
+
+    def _ground_with(self, parts: list[Part]) -> FloatArray:
+        """The floor under soft shadows, (height, width, 3)."""
+        light = np.ones(self._lines.shape)
+        if self._has_floor:
+            cells = int(2 * REACH / CELL)
+            above = Camera(np.eye(3), np.array([*self._middle[:2], 0.0]), 1.0 / CELL, (cells, cells))
+            covered = np.zeros((cells, cells))
+            for part in parts:
+                covered = np.maximum(covered, part.drawn_by(above).drawn)
+            # Rows of a picture run down, against the world's y.
+            dark = 0.2 * soft_shadow(covered[::-1].T, *self._ground, REACH)
+            light = (1.0 - 0.13 * self._lines) * (1.0 - dark)
+        return tinted(light).astype(np.float32)
+
+    def _draw(self, scene: FloatArray, solid: list[Part], glass: list[Part]) -> None:
+        """Draw the parts over the ``scene``, where they are and nowhere else."""
+        width, height = self.camera.size
+        places = [self.camera.project(part.points)[:, :2] * self.camera.scale for part in solid + glass]
+        if not places:
+            return
+        seen = np.concatenate(places) * [1.0, -1.0] + [width / 2, height / 2]
+        left, top = np.clip(np.floor(seen.min(axis=0)).astype(int) - 4, 0, [width, height])
+        right, bottom = np.clip(np.ceil(seen.max(axis=0)).astype(int) + 4, 0, [width, height])
+        if right <= left or bottom <= top:
+            return
+        # A part of the camera's picture: the same camera, looking at the middle of that part.
+        off = np.array([0.5 * (left + right) - width / 2, height / 2 - 0.5 * (top + bottom)]) / self.camera.scale
+        size = (FINE * int(right - left), FINE * int(bottom - top))
+        fine = Camera(self.camera.axes, self.camera.centre + self.camera.axes[:, :2] @ off, FINE * self.camera.scale, size)
+        body = joined(solid).drawn_by(fine) if solid else Layer.nothing(size)
+        whole = joined(glass) if glass else None
+        walls = [] if whole is None else [whole.drawn_by(fine, back=True), whole.drawn_by(fine)]
+        region = scene[top:bottom, left:right]
+        background = np.repeat(np.repeat(region, FINE, axis=0), FINE, axis=1)
+        region[:] = halved(compose(background, body, walls, fine.scale), FINE)
+
+    def steps(self) -> Iterator[int]:
+        """The steps of the film's frames."""
+        start, end = span(self.recording, self.options)
+        return frame_steps(self.recording.times, self.options.fps, start, end, self.options.speed)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A mesh to draw: points and normals (n, 3), world, colours (n, 4), faces (m, 3)."""
+
+    points: FloatArray
+    normals: FloatArray
+    colours: FloatArray
+    faces: IntArray
+
+    def drawn_by(self, camera: Camera, *, back: bool = False) -> Layer:
+        """What a camera sees of it."""
+        return rasterise(camera, self.points, self.normals, self.colours, self.faces, back=back)
+
+
+def joined(parts: list[Part]) -> Part:
+    """Several parts as one."""
+    starts = np.cumsum([0, *(len(part.points) for part in parts[:-1])])
+    return Part(
+        np.concatenate([part.points for part in parts]),
+        np.concatenate([part.normals for part in parts]),
+        np.concatenate([part.colours for part in parts]),
+        np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]),
+    )
+
+
+def render(
+    path: str | Path,
+    out: str | Path,
+    options: RenderOptions | None = None,
+    *,
+    jobs: int | None = None,
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Draw the recording at ``path`` and write ``out``: ``.png`` (one moment), ``.gif``, ``.mp4``, or a directory of PNG frames.
+
+    ``jobs`` processes draw; ``None`` is one per core. Returns what was written. Raises the errors of ``quasirigid.errors``:
+    ``MissingPackageError`` says what to install for an MP4.
+    """
+    options, out = options or RenderOptions(), Path(out)
+    options.check()
+    if jobs is not None and jobs < 1:
+        raise InvalidValueError("jobs", "at least 1 process", jobs, "leave --jobs out for one per core")
+    with SceneRecording(path) as recording:
+        _, end = span(recording, options)
+        # Asked before anything is drawn: a missing package is found out at once.
+        with Film(open_writer(out, fps=options.fps, size=options.size)) as writer:
+            renderer = Renderer(recording, options)
+            single = options.single or out.suffix.lower() == ".png"
+            steps = [recording.step_at(end)] if single else list(renderer.steps())
+            needed = list(dict.fromkeys(steps))  # in slow motion a step is shown many times
+            drawn = iter(_draw_all(renderer, needed, jobs or os.cpu_count() or 1))
+            last, frame = -1, np.zeros((0, 0, 3), np.uint8)
+            for i, step in enumerate(steps):
+                if step != last:
+                    last, frame = step, next(drawn)
+                writer.add(frame)
+                if progress is not None:
+                    progress(f"frame {i + 1} of {len(steps)}", (i + 1) / len(steps))
+        return writer.paths
+
+
+def _draw_all(renderer: Renderer, steps: list[int], jobs: int) -> Iterator[Frame]:
+    """The pictures of the steps in their order, drawn by several processes if that pays."""
+    if jobs == 1 or len(steps) < WORTH_JOBS:
+        for step in steps:
+            yield renderer.frame(step)
+        return
+    # Fresh processes: an open HDF5 file must not be shared with a forked one.
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_prepare, initargs=(renderer.recording.columns.path, renderer.options))
+    try:
+        waiting: deque[Future[Frame]] = deque()
+        for step in steps:
+            waiting.append(pool.submit(_frame, step))
+            if len(waiting) > 2 * jobs:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+_mine: Renderer | None = None
+"""Of a process that draws."""
+
+
+def _prepare(path: Path, options: RenderOptions) -> None:
+    global _mine
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends the work
+    _mine = Renderer(SceneRecording(path), options)
+
+
+def _frame(step: int) -> Frame:
+    assert _mine is not None
+    return _mine.frame(step)
+
+
+__all__ = ["CAMERAS", "RenderOptions", "Renderer", "render"]

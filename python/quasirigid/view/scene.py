@@ -1,0 +1,135 @@
+"""What is drawn: a model that stays, and a state per instant. Neither knows the viewer nor the engine.
+
+A live world and a recording make the same two things, so that one drawing code serves both. Every body is a triangle mesh in its own
+frame, and a pose. The vertices of a body that can touch are the points of its surface, in the caller's order: where the surface yields,
+its vertices move.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+Kind = Literal["object", "fingertip", "link", "support"]
+Colour = tuple[float, float, float]
+"""Red, green, blue, 0 to 1, sRGB."""
+
+
+@dataclass(frozen=True, eq=False)
+class BodyView:
+    """One thing with a pose."""
+
+    name: str
+    """Unique in the scene: ``"box"``, ``"thumb/tip"``, ``"thumb/link 2"``, ``"palm"``."""
+    kind: Kind
+    points: FloatArray
+    """(n, 3) m, at rest, body frame."""
+    normals: FloatArray
+    """(n, 3) outward unit normals at rest, body frame."""
+    faces: IntArray
+    """(m, 3) triangles of points, counter-clockwise seen from outside."""
+    colour: Colour
+    finger: int | None = None
+    """Of a fingertip or a link: which finger it belongs to."""
+    frame: str = ""
+    """Bodies that name the same frame always have the same pose; empty: a pose of its own."""
+
+
+@dataclass(frozen=True, eq=False)
+class SceneModel:
+    """What stays the same: the bodies and the names of the fingers."""
+
+    bodies: tuple[BodyView, ...]
+    fingers: tuple[str, ...] = ()
+    dt: float = 1e-3
+    """Time step, s."""
+    floor: float = 0.0
+    """Height of the ground grid, m, world."""
+
+    def fingertips(self) -> list[int]:
+        """Index of the body that is the fingertip of each finger."""
+        where = {body.finger: i for i, body in enumerate(self.bodies) if body.kind == "fingertip"}
+        return [where[f] for f in range(len(self.fingers)) if f in where]
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """Surface points of a body that are displaced; all others are at rest."""
+
+    indices: IntArray
+    """(k,) rows of ``BodyView.points``."""
+    points: FloatArray
+    """(k, 3) where they are now, m, body frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactsState:
+    """The contacts of a step; row i of every array is contact i. Bodies are counted as in ``SceneModel.bodies``."""
+
+    points: FloatArray
+    """(c, 3) m, world."""
+    normals: FloatArray
+    """(c, 3) unit, world, from body b to body a."""
+    forces: FloatArray
+    """(c, 3) N, world, on body a."""
+    reactions: FloatArray
+    """(c, 3) N, contact frame: normal, tangent1, tangent2."""
+    gaps: FloatArray
+    """(c,) m, > 0 is apart."""
+    pressures: FloatArray
+    """(c,) Pa."""
+    areas: FloatArray
+    """(c,) m^2."""
+    status: npt.NDArray[np.uint8]
+    """(c,) 0 open, 1 stick, 2 slip."""
+    body_a: IntArray
+    """(c,) the body whose control point it is; -1 if it is not drawn."""
+    body_b: IntArray
+    """(c,) the other body; -1 if it is not drawn."""
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @staticmethod
+    def none() -> ContactsState:
+        """No contact."""
+        vectors, numbers, bodies = np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.int64)
+        status = np.zeros(0, dtype=np.uint8)
+        return ContactsState(vectors, vectors, vectors, vectors, numbers, numbers, numbers, status, bodies, bodies)
+
+
+@dataclass(frozen=True, eq=False)
+class SceneState:
+    """Everything at one instant."""
+
+    time: float
+    """Simulated, s."""
+    step: int
+    positions: FloatArray
+    """(bodies, 3) origin of each body frame, m, world."""
+    quaternions: FloatArray
+    """(bodies, 4) body frame to world, (w, x, y, z)."""
+    moved: dict[int, Moved] = field(default_factory=dict)
+    """By body; a body that is not there has its surface at rest."""
+    contacts: ContactsState = field(default_factory=ContactsState.none)
+    finger_forces: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    """(fingers, 3) sum of the contact forces of each fingertip on whatever it touches, N, world."""
+    normal_forces: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """(fingers,) sum of the normal reactions of each fingertip, N."""
+    joint_positions: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    """(fingers, joints) rad."""
+    step_time: float = 0.0
+    """Computing time of the step, s."""
+    stage_times: dict[str, float] = field(default_factory=dict)
+    """Computing time per stage, s."""
+    residual: float = 0.0
+    converged: bool = True
+    quarantined: tuple[int, ...] = ()
+    """Bodies that were set aside because they became non-finite."""
+    phase: str = ""
+    """What is going on, in a word or two, for the panel."""

@@ -1,0 +1,177 @@
+"""The live view: a page, a simulation thread, and a thread that draws the newest state."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+import webbrowser
+from typing import Any
+
+import numpy as np
+import viser
+
+from quasirigid.grasp_options import GraspOptions
+from quasirigid.view import words
+from quasirigid.view.draw import Layers, SceneDrawing
+from quasirigid.view.panel import ControlPanel, ViewPanel
+from quasirigid.view.play import Play
+from quasirigid.view.plots import Curves
+from quasirigid.view.pressure import alike
+from quasirigid.view.scene import SceneState
+from quasirigid.view.session import Frame, Session
+from quasirigid.view.stage import LOCAL, PORT, add_ground, close_server, open_server, place_camera
+from quasirigid.view.tactile import Tactile
+from quasirigid.view.touch import Touch
+
+RATE = 36.0
+"""Updates of the page per second, at most."""
+SLOW_RATE = 5.0
+"""Plots, pictures and figures per second."""
+LEFT_WIDTH = 300
+"""Of the panel with the plots, px."""
+
+
+def announce(server: viser.ViserServer, host: str, asked: int) -> str:
+    """Says on standard error where the page is, and to whom it is open; returns the address."""
+    port = server.get_port()
+    shown = "localhost" if host in LOCAL else host
+    if host in ("0.0.0.0", "::", ""):
+        shown = "localhost"
+    url = f"http://{shown}:{port}"
+    if port != asked:
+        print(f"quasirigid: port {asked} is in use; the page is on the next free one", file=sys.stderr)
+    print(f"quasirigid: live view on {url}  (Ctrl-C ends it)", file=sys.stderr)
+    if host not in LOCAL:
+        print(f"quasirigid: open to the network ({host}): whoever reaches this port can drive the hand and load files", file=sys.stderr)
+    return url
+
+
+def open_browser(url: str) -> None:
+    """Opens the page, without waiting; where there is no browser nothing happens."""
+    threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+
+
+class LiveView:
+    """Serves a ``Play``."""
+
+    def __init__(self, play: Play, options: GraspOptions, *, host: str = "127.0.0.1", port: int = PORT) -> None:
+        self.session = Session(play)
+        self.server = open_server(host, port, "quasirigid")
+        self.updates = 0
+        """Updates of the page so far."""
+        self.update_time = 0.0
+        """CPU time of the drawing thread in them, s."""
+        _, frame = self.session.newest()
+        self._layers = Layers()
+        self._gizmos = {"base": True, "fingers": False}
+        self._redraw = True
+        self._drawing: SceneDrawing | None = None
+        self._touch: Touch | None = None
+        self._generation = -1
+        self._scale_shown = -1.0
+        self._slow_at = 0.0
+        self._drawn = -1
+        gui = self.server.gui
+        gui.set_panel_label("quasirigid")
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Control"):
+            self._control = ControlPanel(self.server, self.session, options)
+        with tabs.add_tab("View"):
+            ViewPanel(self.server, self._layers, self._layers_changed)
+            for name, text in (("base", "Handle of the hand"), ("fingers", "Handles of the fingertips")):
+                box = gui.add_checkbox(text, self._gizmos[name])
+
+                def toggle(event: viser.GuiEvent[Any], name: str = name) -> None:
+                    self._gizmos[name] = bool(event.target.value)
+                    if self._touch is not None:
+                        self._touch.show(**self._gizmos)
+
+                box.on_update(toggle)
+        left = gui.add_panel()
+        with left.add_tab("Sensors"):
+            self._legend = gui.add_html("")
+            self._picture = gui.add_image(np.full((8, 8, 3), 255, np.uint8), format="jpeg", jpeg_quality=88)
+            self._curves = Curves(self.server, frame.model)
+        left.dock_left()
+        left.set_width(LEFT_WIDTH)
+        self._thread = threading.Thread(target=self._draw_loop, name="quasirigid-drawing", daemon=True)
+        self._build(frame)
+
+    def start(self) -> None:
+        """Starts simulation and drawing."""
+        self.session.start()
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ends both, and the server."""
+        self.session.stop()
+        if self._thread.is_alive():
+            self._thread.join(timeout=5.0)
+        close_server(self.server)
+
+    def _layers_changed(self) -> None:
+        self._redraw = True
+
+    def _build(self, frame: Frame) -> None:
+        """Draws another model."""
+        if self._touch is not None and self._drawing is not None:
+            self._touch.remove()
+            self._drawing.remove()
+        self._generation = frame.generation
+        add_ground(self.server, frame.model.floor)
+        place_camera(self.server, frame.model, frame.state.positions, frame.state.quaternions)
+        self._drawing = SceneDrawing(self.server, frame.model, layers=self._layers)
+        self._touch = Touch(self.server, self.session, self._drawing, frame)
+        self._touch.show(**self._gizmos)
+        self._tactile = Tactile(frame.model)
+        self._pictured: tuple[SceneState, float] | None = None
+        self._drawing.draw(frame.state)
+        self._slow(frame)
+
+    def _draw_loop(self) -> None:
+        while self.session.alive:
+            number, frame = self.session.newest(self._drawn, timeout=0.2)
+            began, cpu = time.perf_counter(), time.thread_time()
+            if number != self._drawn or self._redraw:
+                self._drawn = number
+                try:
+                    self._draw(frame)
+                except RuntimeError as error:
+                    if self.session.alive:  # else the server was stopped meanwhile
+                        print(f"quasirigid: {error}", file=sys.stderr)
+                self.updates += 1
+                self.update_time += time.thread_time() - cpu
+            time.sleep(max(0.0, 1.0 / RATE - (time.perf_counter() - began)))
+
+    def _draw(self, frame: Frame) -> None:
+        if frame.generation != self._generation:
+            self._build(frame)
+        assert self._drawing is not None
+        assert self._touch is not None
+        if self._redraw:
+            self._redraw = False
+            self._drawing.apply_layers()
+        pull = None if frame.pulled is None else frame.pulled[:2]
+        self._drawing.draw(frame.state, pull, exact=not frame.running)
+        self._touch.follow(frame)
+        now = time.perf_counter()
+        if now - self._slow_at > 1.0 / SLOW_RATE or not frame.running:
+            self._slow_at = now
+            self._slow(frame)
+
+    def _slow(self, frame: Frame) -> None:
+        """What need not be shown at every update."""
+        assert self._drawing is not None
+        scale = self._drawing.scale.top
+        self._control.show(frame)
+        if scale != self._scale_shown:
+            self._scale_shown = scale
+            self._legend.content = words.legend(scale)
+        if self._pictured is None or self._pictured[1] != scale or not alike(self._pictured[0], frame.state):
+            self._pictured = (frame.state, scale)
+            self._picture.image = self._tactile.picture(frame.state, scale)
+        samples = list(self.session.samples)
+        self._curves.show(
+            [s.time for s in samples], [s.forces for s in samples], [s.step_time for s in samples], [s.contacts for s in samples]
+        )

@@ -1,0 +1,112 @@
+"""The page around a scene: server, ground, light, camera, look of the panel."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import socket
+from collections.abc import Iterator
+
+import numpy as np
+import viser
+
+from quasirigid.errors import InvalidValueError
+from quasirigid.view.scene import FloatArray, SceneModel
+
+PORT = 8080
+TRIES = 50
+"""Ports that are tried, one after another, when the first is in use."""
+GRID = 0.01
+"""Width of the ground grid's cells, m; every tenth line is stronger."""
+HANDLE = 0.04
+"""Room in the picture for the gizmo above the palm, m."""
+LOCAL = ("127.0.0.1", "localhost", "::1")
+
+
+def free_port(host: str, port: int) -> int:
+    """``port``, or the next one on which nobody listens. Raises ``InvalidValueError`` if all are taken or ``host`` is not ours."""
+    if not 0 < port < 65536:
+        raise InvalidValueError("port", "1 to 65535", port, f"{PORT} is the usual one")
+    for candidate in range(port, min(port + TRIES, 65536)):
+        try:
+            with socket.create_server((host, candidate), family=socket.AF_INET6 if ":" in host else socket.AF_INET):
+                return candidate
+        except (socket.gaierror, OverflowError):
+            raise InvalidValueError("host", "an address of this machine", host, "127.0.0.1 serves this machine alone") from None
+        except OSError as error:
+            if error.errno in (98, 48, 10048, 13):  # in use (Linux, macOS, Windows), or reserved
+                continue
+            raise InvalidValueError("host", "an address of this machine", host, "127.0.0.1 serves this machine alone") from None
+    raise InvalidValueError("port", f"a free one from {port} to {port + TRIES - 1}", "all in use", "choose another with --port")
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Standard output carries results: what viser prints there is dropped; the address is said on standard error."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        yield
+
+
+def close_server(server: viser.ViserServer) -> None:
+    """Ends a server of ``open_server``."""
+    with _quiet():
+        server.stop()
+
+
+def open_server(host: str, port: int, label: str) -> viser.ViserServer:
+    """A server on a free port at or after ``port``, with the page's look set."""
+    with _quiet():
+        server = viser.ViserServer(host=host, port=free_port(host, port), label=label, verbose=False)
+    server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
+    server.gui.main_panel.dock_right()
+    server.scene.set_up_direction("+z")
+    server.scene.configure_default_lights(enabled=False)
+    server.scene.configure_environment_map(None)
+    # A key light from above left, a fill light, and an ambient one that is sky above and warm floor below.
+    server.scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(176, 168, 158), intensity=1.6)
+    server.scene.add_light_directional("/light/key", intensity=2.0, position=(0.6, -0.8, 1.2))
+    server.scene.add_light_directional("/light/fill", intensity=0.7, position=(-0.9, 0.5, 0.4))
+    return server
+
+
+def add_ground(server: viser.ViserServer, floor: float) -> None:
+    """The ground grid at height ``floor``, m: cells of 10 mm, sections of 100 mm."""
+    server.scene.add_grid(
+        "/ground",
+        width=1.0,
+        height=1.0,
+        plane="xy",
+        cell_size=GRID,
+        section_size=10 * GRID,
+        cell_color=(205, 209, 216),
+        section_color=(165, 171, 182),
+        cell_thickness=0.6,
+        section_thickness=1.0,
+        fade_distance=0.9,
+        fade_strength=1.5,
+        shadow_opacity=0.0,
+        position=(0.0, 0.0, floor + 2e-4),
+    )
+
+
+def place_camera(server: viser.ViserServer, model: SceneModel, positions: FloatArray, quaternions: FloatArray) -> None:
+    """A view from in front and a little above that has objects and hand in the picture."""
+    from quasirigid.summary import rotate
+
+    clouds = [
+        positions[i] + rotate(quaternions[i], body.points[:: max(1, len(body.points) // 200)])
+        for i, body in enumerate(model.bodies)
+        if len(body.points) and body.kind != "support"
+    ]
+    points = np.concatenate(clouds) if clouds else np.array([[0.0, 0.0, 0.0], [0.1, 0.1, 0.1]])
+    low, high = points.min(axis=0), points.max(axis=0) + np.array([0.0, 0.0, HANDLE])
+    middle = 0.5 * (low + high)
+    reach = max(0.5 * float(np.linalg.norm(high - low)), 0.02)
+    towards = np.array([0.52, -0.80, 0.30])
+    towards /= np.linalg.norm(towards)
+    camera = server.initial_camera
+    camera.fov = np.radians(35.0)
+    camera.near = 0.005
+    camera.far = 20.0
+    camera.look_at = middle
+    camera.position = middle + 4.0 * reach * towards

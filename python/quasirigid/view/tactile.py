@@ -1,0 +1,97 @@
+"""What a tactile sensor on each fingertip would see: pressure over the pad as a small picture."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw
+from scipy.spatial import cKDTree
+
+from quasirigid.palette import FINGER_COLOURS
+from quasirigid.view.pressure import SLIP, SLIP_COLOUR, colour_map, patch_of, pressure_at, rgb
+from quasirigid.view.scene import BodyView, FloatArray, SceneModel, SceneState
+
+CELLS = 40
+"""Cells of the sensor, each way."""
+SIDE = 108
+"""Of a pad's picture, px."""
+GAP, HEADING = 8, 16
+LEAST_SLIP = 0.02
+"""A slipping contact is marked if its pressure is more than this share of the full scale."""
+
+
+class Pad:
+    """The plane in which a pad is seen, from outside; the palm is above."""
+
+    def __init__(self, body: BodyView) -> None:
+        normal = body.normals.mean(axis=0)
+        normal /= np.linalg.norm(normal)
+        up = np.array([0.0, 0.0, 1.0]) - normal[2] * normal
+        if np.linalg.norm(up) < 0.1:
+            up = np.array([0.0, 1.0, 0.0]) - normal[1] * normal
+        up /= np.linalg.norm(up)
+        self._axes = np.column_stack([np.cross(up, normal), up])
+        flat = body.points @ self._axes
+        self._low, self._size = flat.min(axis=0), float(np.ptp(flat, axis=0).max())
+        self._low = self._low - 0.5 * (self._size - np.ptp(flat, axis=0))
+        # The point of the pad in each cell: where the sensor's cell lies on the curved surface.
+        centres = (np.arange(CELLS) + 0.5) / CELLS * self._size
+        grid = np.stack(np.meshgrid(centres, centres[::-1]), axis=-1).reshape(-1, 2) + self._low
+        _, nearest = _nearest(grid, flat)
+        self.cells = self.flattened(body.points[nearest])
+        fine = (np.arange(SIDE) + 0.5) / SIDE * self._size
+        pixels = np.stack(np.meshgrid(fine, fine[::-1]), axis=-1).reshape(-1, 2) + self._low
+        distance, _ = _nearest(pixels, flat)
+        edge = 1.2 * self._size / CELLS
+        cover = np.clip((edge - distance) / (self._size / SIDE), 0.0, 1.0)
+        self.mask = Image.fromarray((255 * cover).astype(np.uint8).reshape(SIDE, SIDE))
+
+    def flattened(self, points: FloatArray) -> FloatArray:
+        """``points`` (n, 3) in the plane of the picture, third coordinate 0: there a pad looks the same pressed in or not."""
+        return np.column_stack([points @ self._axes, np.zeros(len(points))])
+
+    def pixels(self, points: FloatArray) -> FloatArray:
+        """Where ``points`` (n, 3), body frame, lie in the picture, (n, 2) px from its upper left."""
+        share = (points @ self._axes - self._low) / self._size
+        place: FloatArray = np.column_stack([share[:, 0], 1.0 - share[:, 1]]) * SIDE
+        return place
+
+
+def _nearest(grid: FloatArray, flat: FloatArray) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    distance, index = cKDTree(flat).query(grid)
+    return distance, index
+
+
+class Tactile:
+    """The pictures of all fingertips, side by side."""
+
+    def __init__(self, model: SceneModel) -> None:
+        self._tips = model.fingertips()
+        self._names = model.fingers
+        self._pads = [Pad(model.bodies[tip]) for tip in self._tips]
+        columns = max(1, len(self._pads))
+        self._empty = Image.new("RGB", (columns * SIDE + (columns - 1) * GAP, HEADING + SIDE), "white")
+        draw = ImageDraw.Draw(self._empty)
+        for i, name in enumerate(self._names):
+            draw.text((i * (SIDE + GAP), 1), name, fill=FINGER_COLOURS[i % 6])
+
+    def picture(self, state: SceneState, full_scale: float) -> npt.NDArray[np.uint8]:
+        """(height, width, 3): colour is pressure against ``full_scale``, Pa; an orange cross is a contact that slips."""
+        image = self._empty.copy()
+        draw = ImageDraw.Draw(image)
+        for i, (tip, pad) in enumerate(zip(self._tips, self._pads, strict=True)):
+            left = i * (SIDE + GAP)
+            patch = patch_of(state, tip)
+            share = np.zeros(CELLS * CELLS)
+            flat = replace(patch, points=pad.flattened(patch.points))
+            near = flat.near(pad.cells)
+            share[near] = pressure_at(pad.cells[near], flat) / full_scale
+            picture = Image.fromarray(colour_map(share.reshape(CELLS, CELLS))).resize((SIDE, SIDE), Image.Resampling.BICUBIC)
+            image.paste(picture, (left, HEADING), pad.mask)
+            slipping = (patch.status == SLIP) & (patch.pressures > LEAST_SLIP * full_scale)
+            for x, y in pad.pixels(patch.points[slipping]) + [left, HEADING]:
+                for side in (-2, 2):
+                    draw.line((x - 2, y - side, x + 2, y + side), fill=tuple(rgb(SLIP_COLOUR).tolist()))
+        return np.asarray(image)

@@ -1,0 +1,114 @@
+"""``quasirigid.record``: records a world that you step yourself; and what records the live view."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from quasirigid._quasirigid import StepReport, World
+from quasirigid.errors import InvalidValueError
+from quasirigid.scene_recording import DEFORMATION_RATE, SceneRecorder
+from quasirigid.view.world_scene import WorldScene
+
+if TYPE_CHECKING:
+    from quasirigid.view.play import Play
+
+
+class WorldRecorder:
+    """Records a world step by step. Made by ``record``; use it in a ``with`` block."""
+
+    def __init__(self, world: World, path: str | Path, *, deformation_rate: float, attributes: Mapping[str, Any] | None) -> None:
+        self._scene = WorldScene(world)
+        shape = self._scene.state().joint_positions.shape
+        self._recorder = SceneRecorder(
+            path, self._scene.model, (shape[0], shape[1]), deformation_rate=deformation_rate, attributes=attributes
+        )
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self._recorder.path
+
+    @property
+    def steps(self) -> int:
+        """Steps recorded so far."""
+        return self._recorder.steps
+
+    def append(self, report: StepReport | None = None, *, phase: str = "") -> None:
+        """Record the world as it is now, after a step; call it once per step, or now and then.
+
+        ``report`` is what the step returned: its figures are recorded too. ``phase`` says in a word or two what is going on.
+        Raises ``InvalidValueError`` if bodies came or went since the recording began: a recording has the same ones from start to end.
+        """
+        if not self._scene.unchanged():
+            hint = "close this recording and begin another after adding or removing bodies"
+            raise InvalidValueError("world", "the bodies that it had when the recording began", "others", hint)
+        state = self._scene.state(report, phase, moved=self._recorder.wants_deformation)
+        self._recorder.append(state, None, report)
+
+    def flush(self) -> None:
+        """Put everything appended so far on disk."""
+        self._recorder.flush()
+
+    def close(self) -> None:
+        """Write what is buffered and mark the recording as complete."""
+        self._recorder.close()
+
+    def __enter__(self) -> WorldRecorder:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._recorder.__exit__(kind, error, trace)
+
+
+def record(
+    world: World, path: str | Path, *, deformation_rate: float = DEFORMATION_RATE, attributes: Mapping[str, Any] | None = None
+) -> WorldRecorder:
+    """Begin a recording of ``world`` in the file ``path`` (an old one is replaced), for ``quasirigid replay``, ``render`` and ``export``.
+
+    >>> with quasirigid.record(world, "run.h5") as recording:  # doctest: +SKIP
+    ...     for _ in range(1000):
+    ...         recording.append(world.step())
+
+    Call it when all bodies are in the world. Poses, contacts and forces are written at every ``append``, the deformation of the surfaces
+    ``deformation_rate`` times per second of simulated time (infinity: at every ``append``). ``attributes`` are kept with the file.
+    A process that is killed leaves a file that can be read up to the last block of 100 steps.
+    """
+    return WorldRecorder(world, path, deformation_rate=deformation_rate, attributes=attributes)
+
+
+class LiveRecorder:
+    """Records the live view: called after every step, in the simulation thread. Another object or Reset begins another file."""
+
+    def __init__(self, path: str | Path) -> None:
+        """The first file is ``path``, then ``name-2.h5`` and so on."""
+        self._path = Path(path)
+        self._recorder: SceneRecorder | None = None
+        self.paths: list[Path] = []
+        """The files written so far."""
+
+    def __call__(self, play: Play) -> None:
+        """Record the grasp as it is now."""
+        scene = play.scene
+        if self._recorder is None or self._recorder.model is not scene.model:
+            self.close()
+            count = len(self.paths) + 1
+            path = self._path if count == 1 else self._path.with_stem(f"{self._path.stem}-{count}")
+            taken = play.grasp.taken
+            attributes = {"object": taken.name, "object_mass_kg": play.figures.mass, "friction": play.figures.friction}
+            joints = scene.state().joint_positions.shape
+            self._recorder = SceneRecorder(path, scene.model, (joints[0], joints[1]), attributes=attributes)
+            self.paths.append(path)
+        state = scene.state(play.report, play.phase, moved=self._recorder.wants_deformation)
+        self._recorder.append(state, None, play.report)
+
+    def close(self) -> None:
+        """Finish the file that is being written."""
+        if self._recorder is not None:
+            self._recorder.close()
+            self._recorder = None
+
+
+__all__ = ["LiveRecorder", "WorldRecorder", "record"]

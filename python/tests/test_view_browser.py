@@ -1,0 +1,254 @@
+"""The live view in a real browser: what a person sees and does."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from browser import canvas_box, open_page, picture, received, running_browser, wait_until
+
+from quasirigid.grasp_options import GraspOptions
+from quasirigid.summary import rotate
+from quasirigid.view.play import Play
+from quasirigid.view.server import LiveView
+from quasirigid.view.session import Frame
+from quasirigid.view.touch import BASE_SCALE
+
+SHOTS = os.environ.get("QUASIRIGID_SCREENSHOTS")
+"""A directory: pictures of the page are left there."""
+OPTIONS = GraspOptions(points=6_000)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with running_browser() as running:
+        yield running
+
+
+@pytest.fixture
+def page(browser: Any, live: LiveView) -> Iterator[Any]:
+    with open_page(browser, live.server.get_port()) as opened:
+        yield opened
+
+
+@pytest.fixture
+def live() -> Iterator[LiveView]:
+    view = LiveView(Play(OPTIONS), OPTIONS, port=8310)
+    view.start()
+    yield view
+    view.stop()
+
+
+def frame(live: LiveView) -> Frame:
+    return live.session.newest()[1]
+
+
+def height(live: LiveView) -> float:
+    return float(frame(live).state.positions[body(live, "object")][2])
+
+
+def body(live: LiveView, kind: str) -> int:
+    return next(i for i, b in enumerate(frame(live).model.bodies) if b.kind == kind)
+
+
+def press(page: Any, name: str) -> None:
+    page.get_by_role("button", name=name, exact=True).click()
+
+
+def slider_field(page: Any, label: str) -> Any:
+    row = page.locator(f"label:has-text('{label}')").first.locator("xpath=ancestor::*[.//input][1]")
+    return row.locator("input[type=text]").first
+
+
+def enter(page: Any, label: str, value: float) -> None:
+    """Types a figure into the field of a slider."""
+    field = slider_field(page, label)
+    field.fill(str(value))
+    field.press("Enter")
+
+
+def on_screen(live: LiveView, page: Any, point: np.ndarray[Any, Any]) -> tuple[float, float]:
+    """Where a point of the world is in the page, px."""
+    camera = next(iter(live.server.get_clients().values())).camera
+    conjugate = np.array(camera.wxyz) * [1, -1, -1, -1]
+    x, y, z = rotate(conjugate, point - camera.position)
+    box = canvas_box(page)
+    scale = 0.5 * box["height"] / np.tan(0.5 * camera.fov) / z
+    return box["x"] + 0.5 * box["width"] + scale * x, box["y"] + 0.5 * box["height"] + scale * y
+
+
+def drag(page: Any, start: tuple[float, float], end: tuple[float, float], *, hold: float = 0.0) -> None:
+    page.mouse.move(*start)
+    page.wait_for_timeout(300)
+    page.mouse.down()
+    for share in np.linspace(0.1, 1.0, 8):
+        page.mouse.move(*(a + share * (b - a) for a, b in zip(start, end, strict=True)))
+        page.wait_for_timeout(60)
+    page.wait_for_timeout(1e3 * hold)
+    page.mouse.up()
+
+
+def keep(page: Any, name: str) -> None:
+    if SHOTS:
+        page.screenshot(path=str(Path(SHOTS) / f"{name}.png"))
+
+
+def hold(live: LiveView, page: Any) -> None:
+    """Lets the hand take the box and lift it."""
+    press(page, "Run")
+    wait_until(lambda: frame(live).state.phase == "holding", "the grip holds")
+    press(page, "Lift")
+    wait_until(lambda: height(live) > 0.08, "the box is lifted")
+
+
+def colours_of_the_hand(image: np.ndarray[Any, Any]) -> int:
+    """Pixels as blue as the thumb's joints."""
+    return int((image[..., 2] - image[..., 0] > 0.25).sum())
+
+
+def figure_of(page: Any, label: str) -> str:
+    return str(slider_field(page, label).input_value())
+
+
+def test_the_page_shows_box_and_fingers_and_run_makes_them_move(live: LiveView, page: Any) -> None:
+    wait_until(lambda: colours_of_the_hand(picture(page)) > 100, "the hand is drawn")
+    page.wait_for_timeout(1000)
+    before = picture(page)
+    # The joints have the colours of their fingers; the glass of the box is bluish grey: its share of blue is above that of red.
+    green = (before[..., 1] - before[..., 0] > 0.25).sum()
+    box = ((before[..., 2] - before[..., 0] > 0.04) & (before.mean(axis=2) < 0.93)).sum()
+    assert green > 100, green
+    assert box > 0.03 * before[..., 0].size, box
+    assert page.get_by_text("paused").count() == 1
+    press(page, "Run")
+    wait_until(lambda: frame(live).state.phase in ("squeezing", "holding"), "the hand closes")
+    page.wait_for_timeout(1000)
+    changed = float((np.abs(picture(page) - before).max(axis=2) > 0.1).mean())
+    assert changed > 0.005, changed
+    press(page, "Pause")
+    wait_until(lambda: not frame(live).running, "Pause")
+    step = frame(live).state.step
+    press(page, "Step")
+    wait_until(lambda: frame(live).state.step == step + 1, "one step")
+    assert page.strangers == []
+    keep(page, "view")
+
+
+def test_less_friction_drops_the_box_and_reset_brings_it_back(live: LiveView, page: Any) -> None:
+    hold(live, page)
+    up = height(live)
+    enter(page, "Friction", 0.05)
+    wait_until(lambda: height(live) < up - 0.03, "the box slips out of the hand")
+    keep(page, "dropped")
+    press(page, "Reset")
+    wait_until(lambda: frame(live).state.time == 0.0, "Reset")
+    assert height(live) == pytest.approx(0.04, abs=1e-9)
+    wait_until(lambda: figure_of(page, "Friction") == "0.71", "the slider is back")
+
+
+def test_dragging_the_base_carries_the_held_box_along(live: LiveView, page: Any) -> None:
+    hold(live, page)
+    wait_until(lambda: abs(height(live) - 0.09) < 0.01, "the lift is done")
+    page.wait_for_timeout(1500)
+    before = frame(live).state.positions[body(live, "object")].copy()
+    origin = np.array(live._touch._base.position)
+    axis = np.array([1.0, 0.0, 0.0])
+    start = on_screen(live, page, origin + 0.8 * BASE_SCALE * axis)
+    end = on_screen(live, page, origin + (0.8 * BASE_SCALE + 0.05) * axis)
+    drag(page, start, end)
+    wait_until(lambda: frame(live).state.positions[body(live, "object")][0] - before[0] > 0.02, "the box follows the hand")
+    page.wait_for_timeout(500)
+    state = frame(live).state
+    assert state.phase == "holding"
+    assert abs(state.positions[body(live, "object")][2] - before[2]) < 0.005
+    keep(page, "carried")
+
+
+def test_the_box_can_be_pulled_with_the_mouse(live: LiveView, page: Any) -> None:
+    press(page, "Open")
+    press(page, "Run")
+    page.wait_for_timeout(500)
+    at = frame(live).state.positions[body(live, "object")].copy()
+    x, y = on_screen(live, page, at + [0.0, 0.0, 0.02])
+    page.mouse.move(x, y)
+    page.wait_for_timeout(300)
+    page.mouse.down()
+    for k in range(6):
+        page.mouse.move(x + 12 * k, y - 6 * k)
+        page.wait_for_timeout(80)
+    wait_until(lambda: frame(live).pulled is not None, "the pull is felt")
+    wait_until(lambda: "you pull with" in page.content(), "the force is shown")
+    keep(page, "pulled")
+    wait_until(lambda: np.linalg.norm(frame(live).state.positions[body(live, "object")] - at) > 0.004, "the box follows")
+    page.mouse.up()
+    wait_until(lambda: frame(live).pulled is None, "it lets go")
+
+
+def test_an_uploaded_mesh_appears_and_a_bad_file_is_refused_in_the_page(live: LiveView, page: Any, tmp_path: Path) -> None:
+    good = tmp_path / "egg.stl"
+    egg = trimesh.creation.icosphere(subdivisions=3)
+    egg.apply_scale([26.0, 26.0, 34.0])  # in millimetres, as most files are
+    egg.export(good)
+    bad = tmp_path / "bad.obj"
+    bad.write_text("v 0 0 nonsense\n")
+    chooser = page.locator("input[type=file]").first
+    chooser.set_input_files(str(bad))
+    wait_until(lambda: "bad.obj" in page.content(), "the error is in the page")
+    assert frame(live).model.bodies[body(live, "object")].name == "box"
+    chooser.set_input_files(str(good))
+    wait_until(lambda: frame(live).model.bodies[body(live, "object")].name == "egg", "the egg is in the scene")
+    page.wait_for_timeout(1500)
+    keep(page, "egg")
+    press(page, "Run")
+    wait_until(lambda: frame(live).state.phase == "holding", "the egg is held")
+
+
+def test_the_simulation_goes_on_without_pages_and_is_right_on_return(live: LiveView, browser: Any) -> None:
+    port = live.server.get_port()
+    with open_page(browser, port) as first:
+        press(first, "Run")
+        first.wait_for_timeout(300)
+        first.reload()
+        first.wait_for_selector("canvas", state="attached")
+    step = frame(live).state.step
+    wait_until(lambda: frame(live).state.step > step + 100, "it goes on without a page")
+    wait_until(lambda: frame(live).state.phase == "holding", "the grip holds")
+    with open_page(browser, port) as one, open_page(browser, port) as two:
+        press(one, "Pause")
+        for page in (one, two):
+            wait_until(
+                lambda page=page: page.get_by_text("holding").count() == 1 and page.get_by_text("paused").count() == 1, "it is said so"
+            )
+            wait_until(lambda page=page: colours_of_the_hand(picture(page)) > 100, "the hand is drawn")
+            page.wait_for_timeout(1000)
+        difference = float(np.abs(picture(one) - picture(two)).mean())
+        assert difference < 0.01, difference
+
+
+def test_pads_in_the_page_are_deformed_as_in_the_engine_to_a_hundredth_of_a_millimetre(live: LiveView, browser: Any) -> None:
+    messages: list[dict[str, Any]] = []
+    with open_page(browser, live.server.get_port(), lambda page: messages.append({"all": received(page)})) as page:
+        press(page, "Run")
+        wait_until(lambda: frame(live).state.phase == "holding", "the grip holds")
+        press(page, "Pause")
+        wait_until(lambda: not frame(live).running, "Pause")
+        page.wait_for_timeout(1000)
+    last = {}
+    for message in messages[0]["all"]:
+        if message["type"] == "SceneNodeUpdateMessage" and "vertices" in message["updates"]:
+            last[message["name"]] = message["updates"]["vertices"].reshape(-1, 3)
+    state, model = frame(live).state, frame(live).model
+    play = live.session._play
+    worst, deepest = 0.0, 0.0
+    for finger, tip in enumerate(model.fingertips()):
+        shown = next(points for name, points in last.items() if name.endswith(f"/{model.bodies[tip].name.replace('/', ' ')}"))
+        world = rotate(state.quaternions[tip], shown.astype(float)) + state.positions[tip]
+        worst = max(worst, float(np.abs(world - play.hand.deformed_points(finger)).max()))
+        deepest = max(deepest, float(np.abs(shown - model.bodies[tip].points).max()))
+    assert deepest > 5e-4, deepest  # the pads are pressed in by half a millimetre at least
+    assert worst < 1e-5, worst
