@@ -405,6 +405,20 @@ class Hand:
         """Joint positions (joints,) rad that bring the pad's apex of ``finger`` to ``position`` (3,) m with the pad facing
         ``normal`` (3,), both in the hand frame. Raises ``InvalidValueError`` where the finger cannot reach.
         """
+    def reach(
+        self,
+        finger: int,
+        position: npt.ArrayLike,
+        normal: npt.ArrayLike,
+        *,
+        start: npt.ArrayLike | None = None,
+        angle_weight: float = 0.005,
+        iterations: int = 20,
+    ) -> tuple[FloatArray, float]:
+        """As near as the finger comes to a goal of ``inverse_kinematics``, within the joint limits: joint positions (joints,) rad, and by how much
+        the pad's apex misses ``position``, m. For a goal that moves from step to step: a few steps from ``start`` (joints,) rad, by default the
+        joint targets, and no search elsewhere. ``angle_weight`` m/rad says how much a wrong direction counts against a wrong place.
+        """
     def deformed_points(self, finger: int) -> FloatArray:
         """Points of the fingertip as deformed now, (n, 3) m, world."""
 
