@@ -194,8 +194,8 @@ impl<W: Delassus> Run<'_, W> {
             }
             // A problem from elsewhere has no next step that could creep.
             if self.sweeps == 1 && change > FINEST && self.parameters.measure == Measure::UnitFree {
-                let least = if self.parameters.foretold { WELL_BELOW * tolerance } else { 0.0 };
-                aim = (IMPROVEMENT * change).clamp(least, tolerance);
+                let enough = if self.parameters.foretold { WELL_BELOW * tolerance } else { 0.0 };
+                aim = (IMPROVEMENT * change).clamp(enough, tolerance);
             }
             let out_of_time = self.out_of_time(0);
             let seen = self.seen;
