@@ -238,12 +238,12 @@ impl<W: Delassus> Run<'_, W> {
     /// Newton steps, and a last sweep.
     fn step_until_done(&mut self, scratch: &mut Scratch) -> SolveReport {
         let Scratch { newton, before, .. } = scratch;
-        newton.restart();
         newton.direct = self.parameters.measure == Measure::AsGiven;
         let tolerance = self.parameters.tolerance;
         // A feasible state to come back to, should the steps lead nowhere before time is up. The sweep makes it one: an extrapolation may have come last.
         self.sweep();
         let first_residual = self.residual();
+        newton.restart(first_residual);
         let before = &mut before[..self.f.len()];
         before.copy_from_slice(self.f);
         loop {
