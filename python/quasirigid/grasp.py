@@ -11,6 +11,7 @@ import math
 import time
 import warnings
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ from quasirigid.recording import Recording
 from quasirigid.scene_plot import save_scene
 from quasirigid.scene_recording import SceneRecorder
 from quasirigid.summary import PHASES, FloatArray, conjugate, rotate, summarise
+from quasirigid.view import open_view
 from quasirigid.view.world_scene import WorldScene
 
 BOX_SIZE = (0.06, 0.06, 0.08)
@@ -230,6 +232,9 @@ class Grasp:
         self._start_in_hand: FloatArray | None = None
         self._carried = 0.0
         self._stands = False
+        self.paced = False
+        """Whether steps keep to the clock, for whoever looks on."""
+        self._began = 0.0
         self._untouched = 0.0
 
     def _open_grip(self) -> Grip:
@@ -356,6 +361,10 @@ class Grasp:
     def _step(self, phase: str, recorder: SceneRecorder) -> None:
         self.grip.update()
         report = self.world.step()
+        if self.paced:
+            # Time that was lost is not made up for.
+            self._began = max(self._began, time.perf_counter() - self.world.time - self.options.dt)
+            time.sleep(max(0.0, self._began + self.world.time - time.perf_counter()))
         state = self.scene.state(report, phase, moved=recorder.wants_deformation)
         sums = contact_sums(state.contacts, self._thing, self._finger_of, len(self.fingers))
         self._carried = float(sums["hand/force_on_object"][:, 2].sum())
@@ -390,8 +399,11 @@ class GraspResult:
     plots: tuple[Path, ...]
 
 
-def run_grasp(options: GraspOptions, out: Path, *, record: Path | None = None, progress: Progress | None = None) -> GraspResult:
+def run_grasp(
+    options: GraspOptions, out: Path, *, record: Path | None = None, progress: Progress | None = None, view: bool = False
+) -> GraspResult:
     """Run the whole job and leave ``summary.json``, ``recording.h5`` and the plots in the directory ``out``; the recording in ``record`` if given.
+    ``view`` shows it in the browser meanwhile, no faster than the clock.
 
     Raises the errors of ``quasirigid.errors`` for bad input. An interrupted run (``KeyboardInterrupt``) leaves a readable
     recording and a summary that says so, then passes the interrupt on.
@@ -410,7 +422,8 @@ def run_grasp(options: GraspOptions, out: Path, *, record: Path | None = None, p
     began = time.perf_counter()
     recorder = grasp.recorder(path, attributes)
     try:
-        with recorder:
+        with recorder, open_view(grasp.world) if view else nullcontext():
+            grasp.paced = view
             grasp.run(recorder, progress)
     except KeyboardInterrupt:
         _leave_summary(grasp, path, out, time.perf_counter() - began, interrupted=True)

@@ -14,22 +14,28 @@ from rich.markup import escape
 from rich.panel import Panel
 from rich.table import Table
 
+from quasirigid.errors import InvalidValueError
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap import Calibration
 from quasirigid.mocap.feedback import RATE, Feedback
 from quasirigid.mocap.session import OBSERVED, MocapOptions, MocapResult, run_mocap
 from quasirigid.mocap.stream import NetworkSource, open_source
+from quasirigid.webxr import PORT, Placement, XrServer
+from quasirigid.webxr.pages import LOCAL
 
 
 def grasp_mocap(
     options: GraspOptions,
     source: str,
     *,
-    bind: str,
+    bind: str | None,
     side: str,
     coupling: str,
     calibration: Path | None,
     bodies: str | None,
+    place: str | None,
+    certificate: Path | None,
+    key: Path | None,
     idle: float,
     out: Path,
     record: Path | None,
@@ -47,22 +53,55 @@ def grasp_mocap(
     )
     mocap.check()
     sinks = [Feedback(text, rate=feedback_rate) for text in feedback]
-    stream = open_source(source, bind=bind)
+    observed = max(OBSERVED, feedback_rate)
+    kind, _, port = source.partition(":")
     try:
-        if isinstance(stream, NetworkSource):
-            host, port = stream.address
-            _say(f"listening on UDP {host}:{port}; Ctrl-C ends it")
-        result = run_mocap(options, mocap, stream, out, record=record, observers=sinks, observed=max(OBSERVED, feedback_rate), told=_say)
+        if kind == "webxr":
+            if calibration is not None or bodies is not None:
+                wrong = "--calibration" if bodies is None else "--bodies"
+                raise InvalidValueError(wrong, "none with --mocap webxr", calibration or bodies, "use --place, or recentre in the headset")
+            with _open_page(port, bind or "127.0.0.1", mocap.side, place, certificate, key) as page:
+                result = run_mocap(options, mocap, page, out, record=record, observers=sinks, observed=observed, viewer=page, told=_say)
+        else:
+            for name, value in (("--place", place), ("--certificate", certificate), ("--key", key)):
+                if value is not None:
+                    raise InvalidValueError(name, "--mocap webxr", source, "leave it out: it is about the page for a headset")
+            stream = open_source(source, bind=bind or "0.0.0.0")
+            try:
+                if isinstance(stream, NetworkSource):
+                    host, udp = stream.address
+                    _say(f"listening on UDP {host}:{udp}; Ctrl-C ends it")
+                result = run_mocap(options, mocap, stream, out, record=record, observers=sinks, observed=observed, told=_say)
+            finally:
+                stream.close()
     finally:
         for sink in sinks:
             sink.close()
-        stream.close()
     for sink in sinks:
         _say(f"feedback: {sink.sent} datagrams to {sink.address[0]}:{sink.address[1]}, {sink.failed} could not be sent")
     if as_json:
         typer.echo(json.dumps(result.summary, indent=2, allow_nan=False))
     else:
         Console().print(_panel(result))
+
+
+def _open_page(port: str, host: str, side: str, place: str | None, certificate: Path | None, key: Path | None) -> XrServer:
+    if port and not (port.isascii() and port.isdigit() and int(port) <= 65535):
+        raise InvalidValueError("--mocap", "webxr or webxr:PORT", f"webxr:{port}", f"port {PORT} is the default")
+    page = XrServer(
+        int(port or PORT),
+        host=host,
+        side=side,  # type: ignore[arg-type]  # checked by MocapOptions.check
+        placement=None if place is None else Placement.parse(place),
+        certificate=certificate,
+        key=key,
+    )
+    _say(f"open {page.url} in the headset's browser; Ctrl-C ends it")
+    if host not in LOCAL:
+        _say(f"open to the network ({host}): whoever reaches this port can drive the hand")
+        if certificate is None:
+            _say("browsers give hands to https pages and to localhost only: add --certificate, see docs/webxr.md")
+    return page
 
 
 def _say(text: str) -> None:

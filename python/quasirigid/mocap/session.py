@@ -11,12 +11,12 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from quasirigid._quasirigid import Calibration, HandDecoder, HandTargets, HandTracker, Material, StepReport, Surface, __version__
+from quasirigid._quasirigid import Calibration, HandDecoder, HandFrame, HandTargets, HandTracker, Material, StepReport, Surface, __version__
 from quasirigid.errors import InvalidValueError
 from quasirigid.grasp import GRAVITY, Stage
 from quasirigid.grasp_columns import contact_sums
@@ -28,7 +28,7 @@ from quasirigid.mocap.stream import Source
 from quasirigid.recording import Column
 from quasirigid.scene_recording import SceneRecorder
 from quasirigid.view.play import MAT, PEDESTAL, SOLVER_BUDGET
-from quasirigid.view.scene import SceneState
+from quasirigid.view.scene import SceneModel, SceneState
 from quasirigid.view.world_scene import WorldScene
 
 FloatArray = npt.NDArray[np.float64]
@@ -89,13 +89,31 @@ class Look:
 Observer = Callable[[Look], None]
 
 
+class Viewer(Protocol):
+    """Somebody who shows the session while it runs."""
+
+    def begin(self, model: SceneModel) -> None:
+        """Show this scene from now on."""
+
+    def wants_state(self) -> bool:
+        """Whether it is time for a state."""
+
+    def draw(self, state: SceneState) -> None:
+        """Show this state."""
+
+
 class MocapSession:
     """The scene of ``quasirigid grasp`` on its support, and the hand that ``source`` tells of."""
 
-    def __init__(self, options: GraspOptions, mocap: MocapOptions, source: Source, *, observed: float = OBSERVED) -> None:
-        """Build the scene. ``observed``: times per second of simulated time that it is looked at. Raises the errors of ``quasirigid.errors``."""
+    def __init__(
+        self, options: GraspOptions, mocap: MocapOptions, source: Source, viewer: Viewer | None = None, *, observed: float = OBSERVED
+    ) -> None:
+        """Build the scene, and show it to ``viewer``. ``observed``: times per second of simulated time that it is looked at.
+
+        Raises the errors of ``quasirigid.errors``.
+        """
         mocap.check()
-        self.options, self.mocap, self.source = options, mocap, source
+        self.options, self.mocap, self.source, self.viewer = options, mocap, source, viewer
         self.stage = Stage.build(options, pedestal=PEDESTAL, time_budget=SOLVER_BUDGET if source.paced else None)
         self.world, self.object = self.stage.world, self.stage.object
         # As in the live view: soft things to stand and to fall on.
@@ -113,6 +131,13 @@ class MocapSession:
         self.observers: list[Observer] = []
         self.step_times: list[float] = []
         self.unconverged = 0
+        self._show(WorldScene(self.world))
+
+    def _show(self, scene: WorldScene) -> None:
+        self.scene = scene
+        if self.viewer is not None:
+            self.viewer.begin(scene.model)
+            self.viewer.draw(scene.state(phase="waiting for the hand"))
 
     # What comes in.
 
@@ -121,7 +146,7 @@ class MocapSession:
         arrivals = []
         for packet in self.source.take():
             self._last_arrival = packet.arrival
-            frame = self._decoder.decode(packet)
+            frame = packet if isinstance(packet, HandFrame) else self._decoder.decode(packet)
             if frame is not None:
                 self._tracker.push(frame)
                 arrivals.append(packet.arrival)
@@ -159,7 +184,7 @@ class MocapSession:
         else:
             self.coupling = TipCoupling(self.world, targets, pad, self.mocap.springs)
         pads, hands = self.coupling.pads, self.coupling.hands
-        self.scene = WorldScene(self.world, [self.object, self.stage.support, self.mat, *pads], hands, pads)
+        self._show(WorldScene(self.world, [self.object, self.stage.support, self.mat, *pads], hands, pads))
         self._finger_of = {place: finger for finger, place in enumerate(self.scene.model.fingertips())}
         self.outcome = Outcome(self._object_pose(), self.coupling.fingers)
 
@@ -190,8 +215,11 @@ class MocapSession:
     def _observe(self, report: StepReport, targets: HandTargets, recorder: SceneRecorder | None) -> None:
         assert self.coupling is not None
         assert self.outcome is not None
+        shown = self.viewer is not None and self.viewer.wants_state()
         wants = recorder is not None and recorder.wants_deformation
-        state = self.scene.state(report, self.outcome.phase, moved=wants)
+        state = self.scene.state(report, self.outcome.phase, moved=wants or shown)
+        if self.viewer is not None and shown:
+            self.viewer.draw(state)
         sums = contact_sums(state.contacts, 0, self._finger_of, len(self.coupling.fingers))
         support = _between(state, 0, 1) + _between(state, 0, 2)
         self.outcome.update(state.time, self._object_pose(), sums["hand/normal_force"], support, _guide(targets))
@@ -314,13 +342,14 @@ def run_mocap(
     record: Path | None = None,
     observers: Sequence[Observer] = (),
     observed: float = OBSERVED,
+    viewer: Viewer | None = None,
     told: Callable[[str], None] | None = None,
 ) -> MocapResult:
     """Run a session until its stream has ended or Ctrl-C, and leave ``summary.json`` and ``recording.h5`` in the directory ``out``.
 
     ``observers`` are called with what is seen ``observed`` times per second of simulated time, ``told`` with what goes on. Raises the errors of ``quasirigid.errors``.
     """
-    session = MocapSession(options, mocap, source, observed=observed)
+    session = MocapSession(options, mocap, source, viewer, observed=observed)
     session.observers += observers
     out.mkdir(parents=True, exist_ok=True)
     path: Path | None = None

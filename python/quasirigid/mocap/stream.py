@@ -7,16 +7,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
-from quasirigid._quasirigid import Packet, Receiver, Take
+from quasirigid._quasirigid import HandFrame, Packet, Receiver, Take
 from quasirigid.errors import InvalidValueError
 from quasirigid.mocap import shipped_take
 
 DTRACK_PORT = "5000"
-NAMES = "dtrack, dtrack:PORT, dtrack:HOST:PORT:fw, take or take:FILE"
+NAMES = "dtrack, dtrack:PORT, dtrack:HOST:PORT:fw, webxr, webxr:PORT, take or take:FILE"
 
 
 class Source(Protocol):
-    """Packets with their arrivals, on one clock."""
+    """Packets, or hands that need no decoding, with their arrivals, on one clock."""
 
     paced: bool
     """Whether its clock runs by itself; otherwise it is where ``wait_until`` has put it."""
@@ -27,7 +27,7 @@ class Source(Protocol):
     def wait_until(self, moment: float) -> None:
         """Return at this moment, or at once if it has passed."""
 
-    def take(self) -> Sequence[Packet]:
+    def take(self) -> Sequence[Packet | HandFrame]:
         """What has arrived since the last call."""
 
     def ended(self) -> bool:

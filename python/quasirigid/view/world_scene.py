@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from quasirigid._quasirigid import Body, Hand, StepReport, World
+from quasirigid.errors import InvalidHandleError
 from quasirigid.palette import BONE, FINGER_COLOURS, GLASS, LINK_RADII, NAIL, PAD, PALM
 from quasirigid.summary import conjugate, rotate
 from quasirigid.view.meshes import Mesh, joined, mirrored, tapered_capsule, triangulate
@@ -79,8 +80,12 @@ class WorldScene:
         self.model = SceneModel(tuple(views), tuple(fingers), world.dt, _floor(views, self.bodies))
 
     def unchanged(self) -> bool:
-        """Whether the world still holds the bodies and hands of the model."""
-        return [b.index for b in self.world.bodies] == [i for i in self._place if self._place[i] < len(self.bodies)]
+        """Whether the world still holds the bodies and hands of the model, and no others."""
+        try:
+            indices = [body.index for body in self.bodies] + [i for hand in self.hands for i in hand.body_indices]
+        except InvalidHandleError:
+            return False
+        return indices == list(self._place) and len(self.world.bodies) == len(self.bodies) and len(self.world.hands) == len(self.hands)
 
     def state(self, report: StepReport | None = None, phase: str = "", *, moved: bool = True) -> SceneState:
         """The world now. ``report`` is that of the last step; without ``moved`` the surfaces are left out, which saves a third of the time."""
