@@ -197,6 +197,7 @@ class MocapSession:
         """Step until the stream has ended. Call ``wait_for_hand`` before."""
         if self.coupling is None:
             raise InvalidValueError("session", "a hand that was seen", "none yet", "call wait_for_hand first")
+        self._listen()  # what came while the scene was made ready belongs to no step
         self.pace = Pace(self.source, self.options.dt)
         step = 0
         while not self._over():
