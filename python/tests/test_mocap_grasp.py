@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quasirigid import mocap
+from quasirigid import HandModel, World, mocap
 from quasirigid.cli import main
+from quasirigid.errors import InvalidValueError
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap.pace import CATCH_UP, SLACK, Pace
 from quasirigid.mocap.session import MocapOptions, run_mocap
@@ -150,6 +151,21 @@ def test_a_finger_that_is_lost_is_caught_again_where_it_is() -> None:
     assert worst < 1e-12, f"the spring holds {worst} of k m^2 that nobody has put in"
     offset.update(1.0, None, 1.0)
     assert np.abs(offset.linear).max() < 1e-4
+
+
+def test_a_finger_comes_as_near_as_it_can() -> None:
+    hand = World().add_hand()
+    start, normal = np.array([-0.03, 0.0, -0.085]), np.array([1.0, 0.0, 0.0])
+    exact = hand.inverse_kinematics(0, start, normal)
+    joints, miss = hand.reach(0, start + [0.001, 0.0, 0.0], normal, start=exact)
+    assert miss < 1e-3, f"{1e3 * miss:.2f} mm off at 1 mm from where it was"
+    assert np.abs(joints - exact).max() < 0.2
+    far, miss = hand.reach(0, [0.0, 0.0, -1.0], normal, start=exact)
+    model = HandModel.three_finger()
+    assert 0.5 < miss < 1.0, "a metre is out of reach"
+    assert np.all((model.lower_limits[0] - 1e-12 <= far) & (far <= model.upper_limits[0] + 1e-12))
+    with pytest.raises(InvalidValueError):
+        hand.reach(0, [np.nan, 0.0, 0.0], normal)
 
 
 def test_command_line_says_what_it_does_not_understand(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

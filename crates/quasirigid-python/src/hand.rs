@@ -194,7 +194,7 @@ impl Hand {
     }
 
     #[pyo3(signature = (finger, position, normal, *, start = None, angle_weight = 0.005, iterations = 20))]
-    #[expect(clippy::too_many_arguments, reason = "keywords of a Python method")]
+    #[allow(clippy::too_many_arguments)] // keyword arguments
     fn reach<'py>(
         &self,
         py: Python<'py>,
