@@ -22,7 +22,7 @@ class Ours:
         pulp = Material.preset("fingertip_pulp").replace(friction=scene.FRICTION, compliance=options.get("compliance", "local"))
         edge, mass = scene.BOX, scene.BOX_MASS
         inertia = np.eye(3) * mass * edge * edge / 6.0
-        surface = Surface.box((edge, edge, edge), points=36_000, control_points=4_800)
+        surface = Surface.box((edge, edge, edge), points=36_000, control_points=2_400)
         self.box = self.world.add_body(surface, wood, mass=MassProperties(mass, (0.0, offset, 0.0), inertia), name="box")
         count = options["control_points"]
         pad = Surface.fingertip(np.full(3, scene.PAD_RADIUS), points=round(POINTS_PER_CONTROL_POINT * count), control_points=count)
@@ -87,7 +87,7 @@ class Ours:
 class OurCapsule:
     """Pads are free bodies on springs of the actuators' stiffness; a stiff spring keeps them upright and level."""
 
-    def __init__(self, dt: float) -> None:
+    def __init__(self, dt: float, _options: dict[str, object] | None = None) -> None:
         self.world = World(dt=dt)
         rubber = Material.preset("rubber").replace(friction=scene.CAPSULE_FRICTION)
         metal = Material.preset("aluminium").replace(friction=scene.CAPSULE_FRICTION)

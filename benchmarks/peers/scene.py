@@ -47,6 +47,8 @@ class Configuration:
     options: dict[str, Any]
     pressure_field: str
     """What comes out about the pressure, in words."""
+    costly: bool = False
+    """Whether a hold of a minute takes a minute of CPU time."""
 
 
 class Simulation(Protocol):
