@@ -8,6 +8,7 @@ Runs the scenes, draws the figures of ``docs/how-right.md`` into ``docs/images``
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +21,9 @@ from scipy.integrate import quad
 from scipy.special import ellipe, ellipk
 
 import quasirigid as qr
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "python" / "examples"))
+import condensed_block  # an example, in no package
 
 RADIUS = 0.05  # of the ball, m
 DEPTH = 2e-4  # m: contact radius 3.16 mm
@@ -285,6 +289,50 @@ def torsion_figure() -> Figure:
     return figure
 
 
+def block_figure() -> Figure:
+    """A condensed block of finite elements: pressure and force beside the half-space model and Hertz."""
+    figure = _figure(
+        "A block of finite elements, condensed to its surface",
+        "rigid ball, block clamped at its bottom; half-space pressed deeper by what the ends hold back",
+    )
+    left, right = figure.subplots(1, 2)
+    depths = (4.0, 8.0, 16.0)
+    found = {depth: condensed_block.compare(depth) for depth in depths}
+    one = found[8.0]
+    scale = one.half_space_pressure.max()
+    order = np.argsort(one.radius)
+    r = one.radius[order] / condensed_block.CONTACT_RADIUS
+    left.plot(r, one.half_space_pressure[order] / scale, color=INK, linewidth=1.2, label="half-space model")
+    left.plot(
+        r,
+        one.pressure[order] / scale,
+        "o",
+        color=BLUE,
+        markersize=3.5,
+        markerfacecolor="none",
+        markeredgewidth=0.8,
+        label="block, 8 a deep",
+    )
+    hertz = condensed_block.hertz_force()
+    right.plot(depths, [c.force / hertz for c in found.values()], "^", color=VERMILION, markerfacecolor="none", label="block / Hertz")
+    right.plot(
+        depths, [c.force_ratio for c in found.values()], "o", color=BLUE, markerfacecolor="none", label="block / half-space pressed deeper"
+    )
+    right.axhline(1, color=INK, linewidth=1.2, zorder=0)
+    for depth, c in found.items():
+        _tell(f"Block {depth:g} a deep: force, what its ends hold back taken off, off by", 100 * abs(c.force_ratio - 1), "%")
+        _tell(f"Block {depth:g} a deep: pressure within 0.75 a off by at most", 100 * c.pressure_error, "% of p0")
+        _tell(f"Block {depth:g} a deep: dent under a given pressure off by at most", 100 * c.dent, "% of its depth")
+    _dress(left, "distance from the middle / a", "pressure / p0")
+    left.set_xlim(0, 1.4)
+    _dress(right, "depth of the block / a", "force / force")
+    right.set_xlim(0, 18)
+    right.set_ylim(0.9, 1.4)
+    for axes in (left, right):
+        axes.legend(frameon=False, fontsize=8.5)
+    return figure
+
+
 def _figure(title: str, subtitle: str, *, width: float = 9.0) -> Figure:
     figure = Figure(figsize=(width, 4.0), dpi=150, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
@@ -319,6 +367,7 @@ def main() -> None:
         "sampling": convergence_figure,
         "cattaneo-mindlin": cattaneo_mindlin_figure,
         "torsion": torsion_figure,
+        "condensed-block": block_figure,
     }
     for name, draw in figures.items():
         draw().savefig(out / f"how-right-{name}.png")

@@ -2,6 +2,9 @@
 
 #![allow(unsafe_code)] // a global allocator cannot be written without
 
+#[path = "common/matrices.rs"]
+mod matrices;
+
 use quasirigid::body::{Friction, PoseDrive};
 use quasirigid::gauss_seidel::ContactStatus;
 use quasirigid::math::{Pose, Vec3};
@@ -81,6 +84,14 @@ fn a_held_grasp_steps_without_allocating() {
 #[test]
 fn a_sliding_grasp_steps_without_allocating() {
     slide(&options());
+}
+
+#[test]
+fn an_object_with_a_compliance_matrix_allocates_nothing_either() {
+    let mut options = GraspOptions { object_points: (1_600, 200), ..options() };
+    let same = GraspScene::new(&options).unwrap();
+    options.object_material = options.object_material.with_model(matrices::as_matrix(&same.world, same.object)).unwrap();
+    slide(&options);
 }
 
 #[test]

@@ -13,7 +13,7 @@
 //! | --- | --- | --- | --- |
 //! | local, beta 0.7 | 30 | 72 | 18 |
 //! | local, beta 0.7, 30 times stiffer | 87 | 284 | 30 |
-//! | local, beta 0.99 | 356 | more than 1000 | 70; 47 with Newton steps |
+//! | local, beta 0.99 | 356 | more than 1000 | 70; 44 with Newton steps |
 //! | half-space | 80 | 214 | 30 |
 //!
 //! Sweeps in alternating direction lose to sweeps in one direction everywhere. `docs/solver.md` has the rest of the figures.
