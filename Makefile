@@ -7,7 +7,7 @@ ENGINE := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Car
 RESULT ?= out/grasp
 
 .DEFAULT_GOAL := help
-.PHONY: help setup grasp test test-rust test-python lint bench clean
+.PHONY: help setup grasp view test test-rust test-python lint bench clean
 
 help: ## Show this list.
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{ printf "  make %-12s %s\n", $$1, $$2 }'
@@ -16,6 +16,9 @@ setup: $(STAMPS)/engine ## Make .venv and build the engine in release.
 
 grasp: setup ## Run the main job; files go to out/grasp.
 	$(BIN)/quasirigid grasp --out $(RESULT)
+
+view: setup ## Grasp in the browser: http://localhost:8080.
+	$(BIN)/quasirigid view
 
 test: lint test-rust test-python ## Check format and types, run all tests.
 

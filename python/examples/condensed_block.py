@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -91,7 +92,7 @@ class Bricks:
         nx, ny, nz = self.shape
         layer = [(3 * (np.arange(nx * ny) * nz + k)[:, None] + np.arange(3)).ravel() for k in range(nz)]
         top = stiffness[layer[1]][:, layer[1]].toarray()
-        for below, above in zip(layer[1:], layer[2:], strict=False):
+        for below, above in pairwise(layer[1:]):
             up = stiffness[below][:, above]
             top = stiffness[above][:, above].toarray() - up.T @ (_inverse(top) @ up)
         return top
@@ -157,7 +158,10 @@ def press(surface: qr.Surface, material: qr.Material, depth: float = DEPTH) -> q
     angle = np.linspace(0, 0.12, 25)[1:]
     ring = [np.linspace(0, 2 * np.pi, 6 * k, endpoint=False) for k in range(1, len(angle) + 1)]
     normals = np.concatenate(
-        [[(0, 0, -1)], *[np.stack([np.sin(a) * np.cos(r), np.sin(a) * np.sin(r), -np.cos(a) + 0 * r], 1) for a, r in zip(angle, ring, strict=True)]]
+        [
+            [(0, 0, -1)],
+            *[np.stack([np.sin(a) * np.cos(r), np.sin(a) * np.sin(r), -np.cos(a) + 0 * r], 1) for a, r in zip(angle, ring, strict=True)],
+        ]
     )
     cap = qr.Surface.from_points(RADIUS * normals, normals, control_points=len(surface.control_points) // 3)
     ball = world.add_body(cap, hard, motion="fixed", position=(0, 0, RADIUS))

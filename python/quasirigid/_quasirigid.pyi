@@ -405,6 +405,20 @@ class Hand:
         """Joint positions (joints,) rad that bring the pad's apex of ``finger`` to ``position`` (3,) m with the pad facing
         ``normal`` (3,), both in the hand frame. Raises ``InvalidValueError`` where the finger cannot reach.
         """
+    def reach(
+        self,
+        finger: int,
+        position: npt.ArrayLike,
+        normal: npt.ArrayLike,
+        *,
+        start: npt.ArrayLike | None = None,
+        angle_weight: float = 0.005,
+        iterations: int = 20,
+    ) -> tuple[FloatArray, float]:
+        """As near as the finger comes to a goal of ``inverse_kinematics``, within the joint limits: joint positions (joints,) rad, and by how much
+        the pad's apex misses ``position``, m. For a goal that moves from step to step: a few steps from ``start`` (joints,) rad, by default the
+        joint targets, and no search elsewhere. ``angle_weight`` m/rad says how much a wrong direction counts against a wrong place.
+        """
     def deformed_points(self, finger: int) -> FloatArray:
         """Points of the fingertip as deformed now, (n, 3) m, world."""
 
@@ -632,6 +646,8 @@ class World:
         time_budget: float | None = None,
         traversal_budget: int | None = None,
         contact_margin: float | None = None,
+        collision_every: int = 1,
+        push_out_speed: float | None = None,
         friction_rule: FrictionRule = "geometric-mean",
     ) -> None:
         """An empty world.
@@ -640,8 +656,11 @@ class World:
         ``tolerance`` residual at which Gauss-Seidel stops, without unit; ``max_sweeps`` its cap; ``time_budget`` seconds
         after which it stops wherever it is (``None``: never). ``traversal_budget`` most pairs of spheres that collision
         looks at in a step (``None``: all). ``contact_margin`` m: contacts up to this gap enter the problem
-        (``None``: chosen from the sampling). ``friction_rule`` makes the friction of a pair from that of its two materials;
-        ``set_friction`` goes before it.
+        (``None``: chosen from the sampling). ``collision_every`` looks at the surfaces only in every so many-th step, and carries the contacts along
+        with the bodies in between: cheaper in motion, off by ``d**2 / (2 R)`` after a move ``d`` on a radius ``R``.
+        ``push_out_speed`` m/s: how fast bodies that were put into each other come apart
+        (``None``: 0.02; ``inf``: within a step, with the velocity that this takes). ``friction_rule`` makes the friction of a
+        pair from that of its two materials; ``set_friction`` goes before it.
         """
     @property
     def dt(self) -> float:

@@ -9,19 +9,26 @@ percentile is that of being interrupted: ``cpu_p99_ms`` is the CPU time of a ste
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import platform
+import subprocess
+import sys
+import tempfile
 import time
+import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from quasirigid._quasirigid import STAGES, Grip, Hand, HandModel, MassProperties, Material, StepReport, Surface, World, __version__
-from quasirigid.errors import QuasirigidError
+from quasirigid.errors import QuasirigidError, SurfaceWarning
+from quasirigid.objects import load_object
 
 PARTS = ("traverse", "interpenetration", "hierarchy_update", "w_rigid", "w_deform")
 BOX = (0.06, 0.06, 0.06)
@@ -227,22 +234,53 @@ def measure_contacts(contacts: int, threads: int, steps: int) -> dict[str, Any]:
     return {"threads": threads, **row(in_motion), "at_rest": row(at_rest)}
 
 
-def measure_points(points: int) -> dict[str, Any]:
-    """Seconds to make a surface ready for contact from an array of ``points``: what loading a point cloud comes to, with what comes with the points."""
+def measure_points(points: int, threads: int) -> dict[str, Any]:
+    """Seconds from points to a surface ready for contact, in a process of its own with so many threads.
+
+    Three ways in: arrays of points with normals and areas, with normals, and bare; and two files (PLY, binary, single precision): points with normals, and
+    bare points. Wall-clock time under ``..._s``, CPU time of all threads under ``..._cpu_s``; a file's is from opening it to the surface, mass properties
+    included.
+    """
+    code = f"import json; from quasirigid.bench import _build_surfaces; print(json.dumps(_build_surfaces({points})))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | {"RAYON_NUM_THREADS": str(threads)}, capture_output=True, text=True, check=False
+    )
+    if done.returncode != 0:
+        got = (done.stderr.strip().splitlines() or ["no message"])[-1]
+        raise QuasirigidError(what=f"benchmark of {points} points", expected="surfaces", got=got, hint="report it, please")
+    return {"points": points, "threads": threads, **json.loads(done.stdout)}
+
+
+def _build_surfaces(points: int) -> dict[str, Any]:
     sphere = Surface.sphere(0.05, points=points, control_points=max(points // 100, 1))
     cloud, normals, areas = sphere.points, sphere.normals, sphere.areas
-    seconds = []
-    for given in ((cloud, normals, areas), (cloud, normals), (cloud,)):
-        start = time.perf_counter()
-        surface = Surface.from_points(*given)
-        seconds.append(time.perf_counter() - start)
-    return {
-        "points": points,
-        "control_points": len(surface.control_points),
-        "build_s": seconds[0],
-        "build_with_normals_s": seconds[1],
-        "build_from_bare_points_s": seconds[2],
-    }
+    rows: dict[str, Any] = {"control_points": round(points / POINTS_PER_CONTROL_POINT)}
+
+    def timed(name: str, build: Callable[[], object]) -> None:
+        wall, cpu = time.perf_counter(), time.process_time()
+        build()
+        rows[f"{name}_s"], rows[f"{name}_cpu_s"] = time.perf_counter() - wall, time.process_time() - cpu
+
+    def from_file(file: Path) -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SurfaceWarning)
+            loaded = load_object(file, points=points)
+        Surface.from_points(loaded.points, loaded.normals, loaded.areas)
+
+    timed("build", lambda: Surface.from_points(cloud, normals, areas))
+    timed("build_with_normals", lambda: Surface.from_points(cloud, normals))
+    timed("build_from_bare_points", lambda: Surface.from_points(cloud))
+    with tempfile.TemporaryDirectory() as folder:
+        for name, columns, table in (
+            ("file_with_normals", "x y z nx ny nz", np.hstack([cloud, normals])),
+            ("file_of_bare_points", "x y z", cloud),
+        ):
+            file = Path(folder) / f"{name}.ply"
+            properties = "".join(f"property float {column}\n" for column in columns.split())
+            header = f"ply\nformat binary_little_endian 1.0\nelement vertex {points}\n{properties}end_header\n"
+            file.write_bytes(header.encode() + table.astype("<f4").tobytes())
+            timed(name, partial(from_file, file))
+    return rows
 
 
 def run_bench(*, quick: bool = False, progress: Progress | None = None) -> dict[str, Any]:
@@ -259,7 +297,9 @@ def run_bench(*, quick: bool = False, progress: Progress | None = None) -> dict[
             name = f"{count:,} contacts, {threads} thread{'s' if threads > 1 else ''}"
             jobs.append((name, 1.0 + count / 1_000, partial(measure_contacts, count, threads, _steps_for(count, steps))))
     for count in points:
-        jobs.append((f"{count:,} points", count / 2e5, partial(measure_points, count)))
+        for threads in THREADS:
+            name = f"{count:,} points, {threads} thread{'s' if threads > 1 else ''}"
+            jobs.append((name, count / 1e5, partial(measure_points, count, threads)))
     machine = _machine()
     whole = sum(job[1] for job in jobs)
     done, results = 0.0, []
@@ -269,12 +309,25 @@ def run_bench(*, quick: bool = False, progress: Progress | None = None) -> dict[
         results.append(job())
         done += share
     phases, rest = results[: len(PAPER)], results[len(PAPER) :]
+    by_contacts = rest[: len(contacts) * len(THREADS)]
     return {
         "phases": phases,
-        "scaling": {"contacts": rest[: len(contacts) * len(THREADS)], "points": rest[len(contacts) * len(THREADS) :]},
+        "scaling": {"contacts": by_contacts, "points": rest[len(contacts) * len(THREADS) :], "growth": _growth(by_contacts)},
         "machine": machine,
         "quasirigid": __version__,
         "quick": quick,
+    }
+
+
+def _growth(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """How much more a contact costs among the most contacts than among about 100, one thread."""
+    one = [row for row in rows if row["threads"] == 1]
+    few, most = min(one, key=lambda row: abs(row["contacts"] - 100)), max(one, key=lambda row: row["contacts"])
+    return {
+        "from_contacts": few["contacts"],
+        "to_contacts": most["contacts"],
+        "in_motion": most["us_per_contact"] / few["us_per_contact"],
+        "at_rest": most["at_rest"]["us_per_contact"] / few["at_rest"]["us_per_contact"],
     }
 
 

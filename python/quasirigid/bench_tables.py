@@ -22,6 +22,7 @@ def tables(results: dict[str, Any]) -> RenderableType:
         _phases(results["phases"]),
         "",
         _contacts(results["scaling"]["contacts"]),
+        _growth(results["scaling"]["growth"]),
         "",
         _points(results["scaling"]["points"]),
         *_notes(results),
@@ -83,13 +84,22 @@ def _contacts(rows: list[dict[str, Any]]) -> Table:
     return table
 
 
+def _growth(growth: dict[str, Any]) -> Text:
+    few, most = growth["from_contacts"], growth["to_contacts"]
+    return Text(
+        f"A contact among {most:,} costs {growth['in_motion']:.2f} times what it costs among {few:,} in motion, {growth['at_rest']:.2f} times at rest.",
+        style="cyan",
+    )
+
+
 def _points(rows: list[dict[str, Any]]) -> Table:
-    table = _table("From an array of points to a surface ready for contact, seconds")
-    for heading in ("points", "control points", "with normals\nand areas", "with\nnormals", "bare\npoints"):
+    table = _table("From points to a surface ready for contact: seconds, wall-clock (CPU)")
+    for heading in ("points", "threads", "array: normals\nand areas", "array:\nnormals", "array:\nbare", "file:\nnormals", "file:\nbare"):
         table.add_column(heading, justify="right")
+    ways = ("build", "build_with_normals", "build_from_bare_points", "file_with_normals", "file_of_bare_points")
     for r in rows:
-        builds = (f"{r[key]:.2f}" for key in ("build_s", "build_with_normals_s", "build_from_bare_points_s"))
-        table.add_row(f"{r['points']:,}", f"{r['control_points']:,}", *builds)
+        cells = (f"{r[f'{way}_s']:.2f} ({r[f'{way}_cpu_s']:.2f})" for way in ways)
+        table.add_row(f"{r['points']:,}", str(r["threads"]), *cells)
     return table
 
 

@@ -46,6 +46,8 @@ EXAMPLES = """[bold]Examples[/bold]
 [cyan]quasirigid grasp --object-motion quasi-static --compliance local[/cyan]  the model of the paper
 
 [cyan]quasirigid grasp --json | jq .drift_m_per_s[/cyan]  one figure for a script
+
+[cyan]quasirigid grasp --mocap dtrack[/cyan]  your own hand, tracked; `quasirigid mocap replay` sends a recorded one
 """
 
 
@@ -84,7 +86,7 @@ def _common(
 
 app.add_typer(mocap_commands, name="mocap")
 
-OBJECT, PHYSICS, RUN = "Object", "Physics", "Run and output"
+OBJECT, PHYSICS, RUN, MOCAP = "Object", "Physics", "Run and output", "Motion capture"
 
 
 @app.command(epilog=EXAMPLES)
@@ -142,9 +144,50 @@ def grasp(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Where summary.json, recording.h5 and the plots go.", rich_help_panel=RUN)
     ] = Path("out/grasp"),
+    view: Annotated[bool, typer.Option("--view", help="Watch it in the browser, at the pace of the clock.", rich_help_panel=RUN)] = False,
     record: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Where the recording goes. Default: recording.h5 in --out.", rich_help_panel=RUN)
     ] = None,
+    mocap: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SOURCE",
+            help="A tracked hand takes the object: dtrack, dtrack:PORT, dtrack:HOST:PORT:fw, webxr, webxr:PORT, or take:FILE in simulated time.",
+            rich_help_panel=MOCAP,
+        ),
+    ] = None,
+    hand: Annotated[str, typer.Option(help="left or right.", rich_help_panel=MOCAP)] = "right",
+    coupling: Annotated[
+        str, typer.Option(help="tips: a pad on springs for each tracked finger; hand: the three-finger hand.", rich_help_panel=MOCAP)
+    ] = "tips",
+    calibration: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Where the tracker is; see `quasirigid mocap calibrate`.", rich_help_panel=MOCAP)
+    ] = None,
+    tracked_bodies: Annotated[
+        str | None,
+        typer.Option("--bodies", metavar="MAP", help="Bodies on the fingers, such as thumb=0,index=1,middle=2.", rich_help_panel=MOCAP),
+    ] = None,
+    place: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z[,DEG]", help="webxr: where the world stands in the room, m, y up. Default: 0,0.75,-0.4", rich_help_panel=MOCAP
+        ),
+    ] = None,
+    certificate: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="webxr: serve https with this certificate (PEM).", rich_help_panel=MOCAP)
+    ] = None,
+    key: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="webxr: the certificate's key, if it is not in its file.", rich_help_panel=MOCAP)
+    ] = None,
+    bind: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Address of this machine to listen on. Default: 0.0.0.0, for webxr 127.0.0.1.", rich_help_panel=MOCAP
+        ),
+    ] = None,
+    idle: Annotated[
+        float, typer.Option(metavar="SECONDS", help="The session ends when nothing has come for so long.", rich_help_panel=MOCAP)
+    ] = 3.0,
 ) -> None:
     """Grasp an object, hold it, lift it, shake it, put it down; report how well it was held."""
     from quasirigid.grasp import run_grasp
@@ -166,9 +209,30 @@ def grasp(
         threads=threads,
         seed=seed,
     )
+    if mocap is not None:
+        from quasirigid.mocap.grasp_command import grasp_mocap
+
+        with _terminable():
+            grasp_mocap(
+                options,
+                mocap,
+                bind=bind,
+                side=hand,
+                coupling=coupling,
+                calibration=calibration,
+                bodies=tracked_bodies,
+                place=place,
+                certificate=certificate,
+                key=key,
+                idle=idle,
+                out=out,
+                record=record,
+                as_json=as_json,
+            )
+        return
     try:
         with _terminable(), _progress(quiet=as_json) as progress:
-            result = run_grasp(options, out, record=record, progress=progress)
+            result = run_grasp(options, out, record=record, progress=progress, view=view)
     except KeyboardInterrupt as stop:
         _say(f"interrupted; what was recorded so far is in {out}")
         raise typer.Exit(143 if isinstance(stop, Terminated) else 130) from None
@@ -199,7 +263,10 @@ def bench(
         return
     if json_file is not None:
         json_file.write_text(text + "\n", encoding="utf-8")
-    Console().print(tables(results))
+    console = Console()
+    if not console.is_terminal:  # into a file or a pipe, which have no width
+        console = Console(width=100)
+    console.print(tables(results))
 
 
 @app.command()

@@ -11,6 +11,7 @@ import math
 import time
 import warnings
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ from quasirigid.recording import Recording
 from quasirigid.scene_plot import save_scene
 from quasirigid.scene_recording import SceneRecorder
 from quasirigid.summary import PHASES, FloatArray, conjugate, rotate, summarise
+from quasirigid.view import open_view
 from quasirigid.view.world_scene import WorldScene
 
 BOX_SIZE = (0.06, 0.06, 0.08)
@@ -154,6 +156,47 @@ def take_file(options: GraspOptions, friction: float, density: float) -> Taken:
     return replace(take_surface(thing.name, surface, mass, options, friction), warnings=tuple(thing.warnings))
 
 
+@dataclass(frozen=True)
+class Stage:
+    """A world with an object that stands on its support; no hand yet."""
+
+    world: World
+    object: RigidBody
+    support: RigidBody
+    support_top: FloatArray
+    """(3,) where the support's frame is, m."""
+    start: FloatArray
+    """(3,) where the object's frame is, m."""
+    taken: Taken
+    pad: Material
+    """What the fingertips are to be made of."""
+    friction: float
+    """Of object against finger."""
+
+    @staticmethod
+    def build(
+        options: GraspOptions, taken: Taken | None = None, pedestal: tuple[float, float, float] = PEDESTAL, time_budget: float | None = None
+    ) -> Stage:
+        """Arguments and errors as of ``Grasp``."""
+        options.check()
+        pad = Material.preset("fingertip_pulp").replace(compliance=options.compliance)
+        stuff = Material.preset(options.material).replace(compliance=options.compliance)
+        if options.friction is not None:
+            pad, stuff = pad.replace(friction=options.friction), stuff.replace(friction=options.friction)
+        friction = math.sqrt(pad.friction * stuff.friction)
+        if taken is None:
+            taken = take_box(options) if options.object is None else take_file(options, friction, stuff.density)
+        world = World(dt=options.dt, gravity=(0.0, 0.0, -GRAVITY), threads=options.threads, time_budget=time_budget)
+        # A flat box stands on a small pedestal, whatever else on a table.
+        flat = taken.flat
+        surface = Surface.box(pedestal, points=2_000) if flat else Surface.half_space(TABLE, points=4_000)
+        top = np.array([0.0, 0.0, -pedestal[2] / 2 if flat else 0.0])
+        support = world.add_body(surface, Material.preset("rubber"), motion="fixed", position=top, name="support")
+        start = np.array([0.0, 0.0, -taken.lowest])
+        thing = world.add_body(taken.surface, stuff, mass=taken.mass, motion=options.object_motion, position=start, name=taken.name)
+        return Stage(world, thing, support, top, start, taken, pad, friction)
+
+
 class Grasp:
     """A world with a hand, an object and a support, and the script that moves them."""
 
@@ -168,28 +211,11 @@ class Grasp:
         """Build the world. ``taken`` is the object if it is neither the box nor from a file, ``pedestal`` (m) what a flat one stands on;
         ``time_budget`` is that of ``World``. Raises the errors of ``quasirigid.errors`` for whatever cannot be built.
         """
-        options.check()
         self.options = options
-        pad = Material.preset("fingertip_pulp").replace(compliance=options.compliance)
-        stuff = Material.preset(options.material).replace(compliance=options.compliance)
-        if options.friction is not None:
-            pad, stuff = pad.replace(friction=options.friction), stuff.replace(friction=options.friction)
-        self.friction = math.sqrt(pad.friction * stuff.friction)
-        if taken is None:
-            taken = take_box(options) if options.object is None else take_file(options, self.friction, stuff.density)
-        self.taken = taken
-
-        self.world = World(dt=options.dt, gravity=(0.0, 0.0, -GRAVITY), threads=options.threads, time_budget=time_budget)
-        # A flat box stands on a small pedestal, whatever else on a table.
-        flat = taken.flat
-        support = Surface.box(pedestal, points=2_000) if flat else Surface.half_space(TABLE, points=4_000)
-        self._support_top = np.array([0.0, 0.0, -pedestal[2] / 2 if flat else 0.0])
-        rubber = Material.preset("rubber")
-        self.support = self.world.add_body(support, rubber, motion="fixed", position=self._support_top, name="support")
-        start = np.array([0.0, 0.0, -self.taken.lowest])
-        self.object = self.world.add_body(
-            self.taken.surface, stuff, mass=self.taken.mass, motion=options.object_motion, position=start, name=self.taken.name
-        )
+        stage = Stage.build(options, taken, pedestal, time_budget)
+        self.friction, self.taken = stage.friction, stage.taken
+        taken, start, pad = stage.taken, stage.start, stage.pad
+        self.world, self.support, self.object, self._support_top = stage.world, stage.support, stage.object, stage.support_top
         self._stand = start
         self.hold_by_stand(1.0)
         # The palm sits PAD_DEPTH behind the middle between the pads, along the hand's own z axis.
@@ -206,6 +232,9 @@ class Grasp:
         self._start_in_hand: FloatArray | None = None
         self._carried = 0.0
         self._stands = False
+        self.paced = False
+        """Whether steps keep to the clock, for whoever looks on."""
+        self._began = 0.0
         self._untouched = 0.0
 
     def _open_grip(self) -> Grip:
@@ -332,6 +361,10 @@ class Grasp:
     def _step(self, phase: str, recorder: SceneRecorder) -> None:
         self.grip.update()
         report = self.world.step()
+        if self.paced:
+            # Time that was lost is not made up for.
+            self._began = max(self._began, time.perf_counter() - self.world.time - self.options.dt)
+            time.sleep(max(0.0, self._began + self.world.time - time.perf_counter()))
         state = self.scene.state(report, phase, moved=recorder.wants_deformation)
         sums = contact_sums(state.contacts, self._thing, self._finger_of, len(self.fingers))
         self._carried = float(sums["hand/force_on_object"][:, 2].sum())
@@ -366,8 +399,11 @@ class GraspResult:
     plots: tuple[Path, ...]
 
 
-def run_grasp(options: GraspOptions, out: Path, *, record: Path | None = None, progress: Progress | None = None) -> GraspResult:
+def run_grasp(
+    options: GraspOptions, out: Path, *, record: Path | None = None, progress: Progress | None = None, view: bool = False
+) -> GraspResult:
     """Run the whole job and leave ``summary.json``, ``recording.h5`` and the plots in the directory ``out``; the recording in ``record`` if given.
+    ``view`` shows it in the browser meanwhile, no faster than the clock.
 
     Raises the errors of ``quasirigid.errors`` for bad input. An interrupted run (``KeyboardInterrupt``) leaves a readable
     recording and a summary that says so, then passes the interrupt on.
@@ -386,7 +422,8 @@ def run_grasp(options: GraspOptions, out: Path, *, record: Path | None = None, p
     began = time.perf_counter()
     recorder = grasp.recorder(path, attributes)
     try:
-        with recorder:
+        with recorder, open_view(grasp.world) if view else nullcontext():
+            grasp.paced = view
             grasp.run(recorder, progress)
     except KeyboardInterrupt:
         _leave_summary(grasp, path, out, time.perf_counter() - began, interrupted=True)

@@ -71,6 +71,8 @@ def open_page(browser: Any, port: int, prepare: Callable[[Any], None] | None = N
         prepare(page)
     page.goto(f"http://127.0.0.1:{port}")
     page.wait_for_selector("canvas", state="attached")
+    # The notice that rendering is in software lies over the scene.
+    page.add_style_tag(content="[class*=Notifications-root] { display: none }")
     try:
         yield page
     finally:

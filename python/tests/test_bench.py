@@ -42,7 +42,13 @@ def test_the_file_has_the_phases_and_the_scaling(tmp_path: Path, capfd: pytest.C
     assert results["phases"][2]["paper"]["total_ms"] == pytest.approx(53.26)
     rows = results["scaling"]["contacts"]
     assert [(row["contacts"], row["threads"]) for row in rows] == [(50, 1), (50, 2), (200, 1), (200, 2)]
-    assert results["scaling"]["points"][0]["points"] == 10_000
+    growth = results["scaling"]["growth"]
+    assert growth["in_motion"] == pytest.approx(rows[2]["us_per_contact"] / rows[0]["us_per_contact"])
+    points = results["scaling"]["points"]
+    assert [(row["points"], row["threads"]) for row in points] == [(10_000, 1), (10_000, 2)]
+    assert all(row["file_of_bare_points_s"] > 0.0 for row in points)
+    assert max(map(len, out.splitlines())) <= 100
+    assert "…" not in out, "no figure is cut off"
 
 
 def test_a_file_that_cannot_be_written_is_found_out_before(capfd: pytest.CaptureFixture[str]) -> None:

@@ -137,7 +137,9 @@ def test_hand_frame_from_arrays_goes_through_a_tracker() -> None:
     assert targets.positions[1] == pytest.approx([0.8, 0.1, 0.3])
     with pytest.raises(InvalidShapeError, match="tracked"):
         mocap.HandFrame("left", positions, quaternions, radii, [True], time=0.0, arrival=0.0)
-    with pytest.raises(InvalidValueError, match="positions"):
+    with pytest.raises(InvalidShapeError, match=r"positions: expected shape \(6, \.\.\.\)"):
+        mocap.HandFrame("left", [[1, 2, 3]], quaternions, radii, tracked, time=0.0, arrival=0.0)
+    with pytest.raises(InvalidValueError, match="finite numbers"):
         mocap.HandFrame("left", positions, quaternions, radii, [True] + tracked[1:], time=0.0, arrival=0.0)
     with pytest.raises(InvalidValueError, match="one tracker for each hand"):
         mocap.HandTracker("right").push(frame)

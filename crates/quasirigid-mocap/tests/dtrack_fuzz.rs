@@ -1,6 +1,7 @@
 //! Hostile packets: none of them panics, costs more memory than it has bytes warrants, or brings in a number that is not finite.
 
 use quasirigid_mocap::dtrack::Packet;
+use quasirigid_mocap::{BodyMap, HandChoice, HandDecoder, HandTracker, Pose, Side, TrackingOptions};
 
 /// One of each line, and the forms in which they may come.
 const SEEDS: [&str; 4] = [
@@ -83,6 +84,10 @@ fn fuzz(count: u64, seed: u64) -> u64 {
     let mut random = fastrand::Rng::with_seed(seed);
     let mut taken = 0;
     let mut bytes = Vec::new();
+    // What is taken goes all the way: hands, bodies, targets.
+    let map = BodyMap::parse("thumb=0,index=1", Side::Right).unwrap();
+    let mut decoders = [HandDecoder::new(HandChoice::Fingertracking(Side::Right)), HandDecoder::new(HandChoice::Bodies(Box::new(map)))];
+    let mut tracker = HandTracker::new(Side::Right, Pose::identity(), TrackingOptions::default()).unwrap();
     for k in 0..count {
         bytes.clear();
         bytes.extend_from_slice(SEEDS[random.usize(0..SEEDS.len())].as_bytes());
@@ -90,6 +95,13 @@ fn fuzz(count: u64, seed: u64) -> u64 {
         if let Ok(packet) = Packet::parse(&bytes) {
             taken += 1;
             assert!(numbers(&packet).iter().all(|x| x.abs() <= 1e12), "packet {k} of seed {seed}: {}", String::from_utf8_lossy(&bytes));
+            let now = k as f64 * 1e-3;
+            for frame in decoders.iter_mut().filter_map(|decoder| decoder.decode(&packet, now)) {
+                tracker.push(&frame).unwrap();
+            }
+            let targets = tracker.sample(now);
+            let mut poses = targets.iter().flat_map(|t| t.fingers.iter().flatten()).map(|target| target.pose);
+            assert!(poses.all(|pose| pose.to_homogeneous().iter().all(|x| x.is_finite())), "packet {k} of seed {seed}");
         }
     }
     taken

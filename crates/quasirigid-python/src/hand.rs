@@ -193,6 +193,31 @@ impl Hand {
         })
     }
 
+    #[pyo3(signature = (finger, position, normal, *, start = None, angle_weight = 0.005, iterations = 20))]
+    #[expect(clippy::too_many_arguments, reason = "keywords of a Python method")]
+    fn reach<'py>(
+        &self,
+        py: Python<'py>,
+        finger: i64,
+        position: &Bound<'_, PyAny>,
+        normal: &Bound<'_, PyAny>,
+        start: Option<&Bound<'_, PyAny>>,
+        angle_weight: Real,
+        iterations: usize,
+    ) -> PyResult<(Bound<'py, PyArray1<Real>>, Real)> {
+        let finger = conv::count(py, "finger", finger)?;
+        let goal = TipGoal::facing(conv::vec3(position, "position")?, conv::vec3(normal, "normal")?).or_raise(py)?;
+        let start = start.map(|start| conv::vector(start, "start")).transpose()?;
+        let options = IkOptions { angle_weight, max_iterations: iterations, restarts: 0, ..IkOptions::default() };
+        let (joints, error) = self.read(py, |world, hand| {
+            let body = world.finger(self.handle, finger)?;
+            let start = start.as_deref().unwrap_or(body.joint_targets());
+            let found = inverse_kinematics(body.model(), &hand.model.tips()[finger].apex(), &goal, start, &options)?;
+            Ok((found.positions[..body.model().dof()].to_vec(), found.position_error))
+        })?;
+        Ok((conv::from_vec(py, joints), error))
+    }
+
     fn deformed_points<'py>(&self, py: Python<'py>, finger: i64) -> PyResult<Bound<'py, PyArray2<Real>>> {
         let points = self.entry(py, finger, deformed_points)?;
         conv::from_points(py, points)

@@ -15,6 +15,7 @@ mod mass_properties;
 mod material;
 mod mocap;
 mod mocap_hand;
+mod mocap_take;
 mod report;
 mod solver;
 mod surface;
@@ -44,9 +45,11 @@ mod _quasirigid {
     #[pymodule_export]
     use crate::material::Material;
     #[pymodule_export]
-    use crate::mocap::{Packet, Receiver, Replay, Take, TakeWriter};
+    use crate::mocap::{Packet, Receiver};
     #[pymodule_export]
     use crate::mocap_hand::{Calibration, HandDecoder, HandFrame, HandTargets, HandTracker};
+    #[pymodule_export]
+    use crate::mocap_take::{Replay, Take, TakeWriter};
     #[pymodule_export]
     use crate::report::StepReport;
     #[pymodule_export]

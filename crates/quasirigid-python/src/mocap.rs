@@ -1,15 +1,12 @@
-//! `Packet`, `Receiver`, `Take`, `TakeWriter` and `Replay`: packets of a tracker on the network and in files.
+//! `Packet` and `Receiver`: packets of a tracker on the network. And what the other files of motion capture share.
 
 use crate::errors::to_py;
-use crate::mocap_hand::{HandDecoder, HandFrame};
-use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use quasirigid_mocap as mocap;
 use quasirigid_mocap::{Error, Order};
 use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr};
-use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock, RwLockReadGuard};
 use std::time::Duration;
 
@@ -26,7 +23,7 @@ impl<T> OrRaiseMocap<T> for mocap::Result<T> {
 }
 
 /// The exception of `quasirigid.errors` for an error of the mocap crate.
-fn raise(py: Python<'_>, error: &Error) -> PyErr {
+pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
     let (class, what, expected, got, hint) = match error {
         Error::InvalidValue { what, expected, got, hint } => ("InvalidValueError", what, expected, got, hint),
         Error::File { what, expected, got, hint } => ("CaptureFileError", what, expected, got, hint),
@@ -36,21 +33,21 @@ fn raise(py: Python<'_>, error: &Error) -> PyErr {
     crate::errors::make(py, class, [what, expected, got, hint])
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn read<T>(shared: &RwLock<T>) -> RwLockReadGuard<'_, T> {
+pub(crate) fn read<T>(shared: &RwLock<T>) -> RwLockReadGuard<'_, T> {
     shared.read().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Seconds from Python; NaN and negative numbers are refused, more than a year is for ever.
-fn duration(py: Python<'_>, what: &str, seconds: f64) -> PyResult<Duration> {
+pub(crate) fn duration(py: Python<'_>, what: &str, seconds: f64) -> PyResult<Duration> {
     mocap::error::check_within(what, seconds, 0.0, f64::MAX, "s").or_raise(py)?;
     Ok(Duration::from_secs_f64(seconds.min(3.2e7)))
 }
 
-fn address(py: Python<'_>, what: &str, text: &str) -> PyResult<Ipv4Addr> {
+pub(crate) fn address(py: Python<'_>, what: &str, text: &str) -> PyResult<Ipv4Addr> {
     text.parse().map_err(|_| {
         let expected = "an IPv4 address in numbers";
         to_py(py, &quasirigid::Error::value(what, expected, format!("{text:?}"), "127.0.0.1 is this machine, 0.0.0.0 any address of it"))
@@ -58,7 +55,7 @@ fn address(py: Python<'_>, what: &str, text: &str) -> PyResult<Ipv4Addr> {
 }
 
 /// (address, port).
-fn pair(address: SocketAddr) -> (String, u16) {
+pub(crate) fn pair(address: SocketAddr) -> (String, u16) {
     (address.ip().to_string(), address.port())
 }
 
@@ -83,12 +80,12 @@ impl Packet {
         }
     }
 
-    fn taken(py: Python<'_>, taken: &mocap::TakePacket) -> PyResult<Self> {
+    pub(crate) fn taken(py: Python<'_>, taken: &mocap::TakePacket) -> PyResult<Self> {
         Ok(Self { packet: parse(py, &taken.bytes)?, arrival: taken.arrival, bytes: taken.bytes.clone(), from: None, order: None })
     }
 }
 
-fn parse(py: Python<'_>, bytes: &[u8]) -> PyResult<mocap::dtrack::Packet> {
+pub(crate) fn parse(py: Python<'_>, bytes: &[u8]) -> PyResult<mocap::dtrack::Packet> {
     mocap::dtrack::Packet::parse(bytes).map_err(|error| {
         let why = error.to_string();
         crate::errors::make(py, "PacketError", ["packet", "a DTrack packet", &why, "see docs/mocap.md for the format"])
@@ -185,7 +182,7 @@ impl Packet {
 }
 
 /// Figures of a stream as a dictionary.
-fn figures<'py>(py: Python<'py>, s: &mocap::Statistics) -> PyResult<Bound<'py, PyDict>> {
+pub(crate) fn figures<'py>(py: Python<'py>, s: &mocap::Statistics) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
     let counts = [
         ("datagrams", s.datagrams),
@@ -297,184 +294,5 @@ impl Receiver {
 
     fn __repr__(&self) -> String {
         format!("Receiver({})", self.address)
-    }
-}
-
-/// A recorded take.
-#[pyclass(frozen, module = "quasirigid._quasirigid")]
-pub struct Take {
-    take: mocap::Take,
-}
-
-#[pymethods]
-impl Take {
-    #[staticmethod]
-    fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        py.detach(|| mocap::Take::read(&path)).or_raise(py).map(|take| Self { take })
-    }
-
-    #[staticmethod]
-    #[pyo3(signature = (*, seed = 1, rate = 60.0, noise = 3e-4, tremor = 1.5e-4))]
-    fn pinch(py: Python<'_>, seed: u64, rate: f64, noise: f64, tremor: f64) -> PyResult<Self> {
-        let options = mocap::synthetic::PinchOptions { seed, rate, noise, tremor };
-        mocap::synthetic::pinch_take(&options).or_raise(py).map(|take| Self { take })
-    }
-
-    fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        py.detach(|| self.take.write(&path)).or_raise(py)
-    }
-
-    #[getter]
-    fn packets(&self, py: Python<'_>) -> PyResult<Vec<Packet>> {
-        self.take.packets.iter().map(|taken| Packet::taken(py, taken)).collect()
-    }
-
-    #[getter]
-    fn arrivals<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        self.take.packets.iter().map(|packet| packet.arrival).collect::<Vec<_>>().into_pyarray(py)
-    }
-
-    #[getter]
-    fn notes(&self) -> Vec<String> {
-        self.take.notes.clone()
-    }
-
-    #[getter]
-    fn damaged(&self) -> usize {
-        self.take.damaged
-    }
-
-    #[getter]
-    fn duration(&self) -> f64 {
-        self.take.duration()
-    }
-
-    fn statistics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let mut meter = mocap::statistics::StreamMeter::default();
-        for taken in &self.take.packets {
-            meter.counts().datagrams += 1;
-            meter.counts().bytes += taken.bytes.len() as u64;
-            meter.add(&parse(py, &taken.bytes)?, taken.arrival);
-        }
-        figures(py, &meter.figures(self.take.packets.last().map_or(0.0, |last| last.arrival)))
-    }
-
-    fn frames(&self, py: Python<'_>, decoder: &HandDecoder) -> PyResult<Vec<HandFrame>> {
-        let mut frames = Vec::new();
-        for packet in self.packets(py)? {
-            frames.extend(decoder.decode(&packet));
-        }
-        Ok(frames)
-    }
-
-    fn __len__(&self) -> usize {
-        self.take.packets.len()
-    }
-
-    fn __repr__(&self) -> String {
-        format!("Take({} packets, {:.2} s)", self.take.packets.len(), self.take.duration())
-    }
-}
-
-/// Writes a take while it is recorded.
-#[pyclass(frozen, module = "quasirigid._quasirigid")]
-pub struct TakeWriter {
-    writer: Mutex<mocap::TakeWriter>,
-}
-
-#[pymethods]
-impl TakeWriter {
-    #[new]
-    #[pyo3(signature = (path, *, append = false))]
-    fn new(py: Python<'_>, path: PathBuf, append: bool) -> PyResult<Self> {
-        let open = || if append { mocap::TakeWriter::append(&path) } else { mocap::TakeWriter::create(&path) };
-        py.detach(open).or_raise(py).map(|writer| Self { writer: Mutex::new(writer) })
-    }
-
-    fn note(&self, py: Python<'_>, text: &str) -> PyResult<()> {
-        lock(&self.writer).note(text).or_raise(py)
-    }
-
-    fn packet(&self, py: Python<'_>, arrival: f64, data: &[u8]) -> PyResult<()> {
-        mocap::error::check_within("arrival", arrival, 0.0, 1e5, "s").or_raise(py)?;
-        py.detach(|| lock(&self.writer).packet(arrival, data)).or_raise(py)
-    }
-}
-
-/// A take on its way.
-#[pyclass(frozen, module = "quasirigid._quasirigid")]
-pub struct Replay {
-    replay: RwLock<mocap::Replay>,
-}
-
-#[pymethods]
-impl Replay {
-    #[new]
-    #[allow(clippy::too_many_arguments)] // keyword arguments
-    #[pyo3(signature = (take, targets = vec![], *, speed = 1.0, rounds = 1, source_port = 50_107, bind = "0.0.0.0", serve_greeters = true, bodies = false))]
-    fn new(
-        py: Python<'_>,
-        take: &Take,
-        targets: Vec<String>,
-        speed: f64,
-        rounds: u32,
-        source_port: u16,
-        bind: &str,
-        serve_greeters: bool,
-        bodies: bool,
-    ) -> PyResult<Self> {
-        let options = mocap::ReplayOptions { speed, rounds, source_port, bind: address(py, "bind", bind)?, serve_greeters, bodies };
-        let start = || {
-            let targets =
-                targets.iter().map(|text| mocap::endpoint::target(text).map(SocketAddr::V4)).collect::<mocap::Result<Vec<_>>>()?;
-            mocap::Replay::start(&take.take, &targets, &options)
-        };
-        py.detach(start).or_raise(py).map(|replay| Self { replay: RwLock::new(replay) })
-    }
-
-    #[getter]
-    fn address(&self) -> (String, u16) {
-        pair(read(&self.replay).address())
-    }
-
-    fn wait(&self, py: Python<'_>, timeout: f64) -> PyResult<bool> {
-        let end = std::time::Instant::now() + duration(py, "timeout", timeout)?;
-        loop {
-            let left = end.saturating_duration_since(std::time::Instant::now());
-            let done = py.detach(|| read(&self.replay).wait(left.min(Duration::from_millis(50))));
-            py.check_signals()?;
-            if done || left.is_zero() {
-                return match read(&self.replay).state().failure {
-                    Some(failure) => Err(raise(py, &failure)),
-                    None => Ok(done),
-                };
-            }
-        }
-    }
-
-    fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let s = read(&self.replay).state();
-        let dict = PyDict::new(py);
-        dict.set_item("sent", s.sent)?;
-        dict.set_item("rounds", s.rounds)?;
-        dict.set_item("greetings", s.greetings)?;
-        dict.set_item("targets", s.targets.iter().copied().map(pair).collect::<Vec<_>>())?;
-        dict.set_item("refused", s.refused)?;
-        dict.set_item("latest", s.latest)?;
-        dict.set_item("done", s.done)?;
-        Ok(dict)
-    }
-
-    fn stop(&self, py: Python<'_>) {
-        py.detach(|| self.replay.write().unwrap_or_else(PoisonError::into_inner).stop());
-    }
-
-    fn __enter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
-        slf
-    }
-
-    #[pyo3(signature = (*_exception))]
-    fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, PyAny>) {
-        self.stop(py);
     }
 }

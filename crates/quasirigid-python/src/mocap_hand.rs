@@ -23,6 +23,17 @@ fn side(py: Python<'_>, name: &str) -> PyResult<Side> {
     }
 }
 
+/// Row `k` of an array with one row for each part.
+fn row<'py>(array: &Bound<'py, PyAny>, what: &str, k: usize) -> PyResult<Bound<'py, PyAny>> {
+    let py = array.py();
+    let refuse = |got: String| to_py(py, &Error::shape(what, "shape (6, ...)", got, "five fingers and the palm"));
+    match array.len() {
+        Ok(PARTS) => array.get_item(k).map_err(|_| refuse("something without rows".into())),
+        Ok(rows) => Err(refuse(format!("{rows} rows"))),
+        Err(_) => Err(refuse("something without rows".into())),
+    }
+}
+
 /// `(6, 3)` and `(6, 4)`; NaN where there is no pose.
 fn positions<'py>(py: Python<'py>, poses: &[Option<Pose>; PARTS]) -> PyResult<Bound<'py, PyArray2<f64>>> {
     conv::rows(py, poses.iter().flat_map(|p| p.map_or([f64::NAN; 3], |p| p.translation.vector.into())).collect(), 3)
@@ -91,12 +102,12 @@ impl HandFrame {
         let mut hand = mocap::HandFrame::unseen(side, time, arrival, source);
         hand.frame = reference;
         for (k, _) in tracked.iter().enumerate().filter(|&(_, &seen)| seen) {
-            let turn = conv::quaternion(&quaternions.get_item(k)?, "quaternions")?;
-            let pose = Pose::from_parts(conv::vec3(&positions.get_item(k)?, "positions")?.into(), turn);
+            let turn = conv::quaternion(&row(quaternions, "quaternions", k)?, "quaternions")?;
+            let pose = Pose::from_parts(conv::vec3(&row(positions, "positions", k)?, "positions")?.into(), turn);
             if k == PALM {
                 hand.palm = Some(PalmPose { pose, tracked: true });
             } else {
-                let pad_radius: f64 = pad_radii.get_item(k)?.extract()?;
+                let pad_radius: f64 = row(pad_radii, "pad_radii", k)?.extract()?;
                 mocap::error::check_within("pad_radii", pad_radius, 0.0, 0.1, "m").or_raise(py)?;
                 hand.fingers[k] = Some(FingerPose { tip: pose, pad_radius, tracked: true });
             }

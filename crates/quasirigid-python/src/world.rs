@@ -78,7 +78,8 @@ impl World {
     #[new]
     #[allow(clippy::too_many_arguments)] // keyword arguments
     #[pyo3(signature = (dt = 1e-3, gravity = None, *, threads = 1, tolerance = 1e-8, max_sweeps = 1000, time_budget = None,
-                        traversal_budget = None, contact_margin = None, friction_rule = "geometric-mean"))]
+                        traversal_budget = None, contact_margin = None, collision_every = 1, push_out_speed = None,
+                        friction_rule = "geometric-mean"))]
     fn new(
         py: Python<'_>,
         dt: Real,
@@ -89,6 +90,8 @@ impl World {
         time_budget: Option<Real>,
         traversal_budget: Option<i64>,
         contact_margin: Option<Real>,
+        collision_every: i64,
+        push_out_speed: Option<Real>,
         friction_rule: &str,
     ) -> PyResult<Self> {
         let mut params = Parameters { dt, friction_rule: crate::friction::rule(py, friction_rule)?, ..Parameters::default() };
@@ -108,6 +111,10 @@ impl World {
         if let Some(margin) = contact_margin {
             params.contact_margin = margin;
         }
+        if let Some(speed) = push_out_speed {
+            params.push_out_speed = speed;
+        }
+        params.collision_every = conv::count(py, "collision_every", collision_every)?.try_into().unwrap_or(u32::MAX);
         Ok(Self { engine: Mutex::new(quasirigid::World::new(params).or_raise(py)?) })
     }
 

@@ -4,7 +4,7 @@ use crate::collision::collision;
 use crate::constrained_motion::constrained_motion;
 use crate::contact_problem::contact_problem;
 use crate::free_motion::{StepContext, free_motions};
-use crate::gauss_seidel;
+use crate::gauss_seidel::{self, SolverParameters};
 use crate::report::{StageTimes, StepReport};
 use crate::world::World;
 use std::time::{Duration, Instant};
@@ -33,7 +33,7 @@ impl World {
         free_motions(bodies, &context, &mut ws.free);
         times.free_motion = lap(&mut clock);
 
-        collision(&mut ws.collision, bodies, &ws.free, pairs, friction, params);
+        collision(&mut ws.collision, bodies, &ws.free, pairs, friction, params, self.steps);
         times.collision = lap(&mut clock);
 
         contact_problem(&mut ws.problem, &mut ws.collision.contacts, pairs, bodies, &ws.free, params.dt);
@@ -46,7 +46,7 @@ impl World {
             &problem.mu,
             &mut problem.reactions,
             &mut problem.status,
-            &params.solver,
+            &SolverParameters { foretold: problem.foretold, ..params.solver.clone() },
             &mut ws.solver,
         );
         times.gauss_seidel = lap(&mut clock);

@@ -90,6 +90,7 @@ fn parameters() {
         assert_refused(&format!("{threads} threads"), with(&|p| p.threads = threads));
     }
     assert_refused("no sweeps", with(&|p| p.solver.max_sweeps = 0));
+    assert_refused("no looks", with(&|p| p.collision_every = 0));
     let mut world = World::new(Parameters::default()).unwrap();
     assert_refused("parameters replaced", world.set_parameters(Parameters { dt: NAN, ..Parameters::default() }));
     assert_eq!(world.parameters(), &Parameters::default(), "refused parameters change nothing");

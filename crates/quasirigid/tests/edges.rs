@@ -1,7 +1,7 @@
 //! Edges, corners, rims and thin plates: what is pressed on them rests, every contact belongs to one of the faces that meet there, and what slides over them neither snags
 //! nor jumps.
 
-use quasirigid::body::{Amount, MassProperties, Material, Motion, PoseDrive, RigidBody};
+use quasirigid::body::{Amount, ComplianceModel, MassProperties, Material, Motion, PoseDrive, RigidBody};
 use quasirigid::math::{Pose, Real, Rot, Vec3};
 use quasirigid::scenes::{Pinch, PinchOptions};
 use quasirigid::surface::{PointSurface, Surface, shapes};
@@ -155,10 +155,7 @@ fn a_ball_that_slides_over_an_edge_neither_snags_nor_jumps_nor_gains_energy() {
                 last = force;
             }
             // On the flat: F = pi k R d^2 as springs give it, and energy F d/3.
-            let k = match material("fingertip_pulp", 0.0).model {
-                quasirigid::body::ComplianceModel::Local { foundation_modulus, .. } => foundation_modulus,
-                _ => unreachable!(),
-            };
+            let ComplianceModel::Local { foundation_modulus: k, .. } = material("fingertip_pulp", 0.0).model else { unreachable!() };
             let flat = std::f64::consts::PI * k * BALL * depth * depth;
             println!(
                 "{what}: at most {most:.3} N of {flat:.3} N on the flat, jumps {jump:.3} N, one point carries {share:.3} N, work {work:.1e} J"

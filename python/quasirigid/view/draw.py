@@ -13,9 +13,9 @@ import numpy.typing as npt
 import viser
 
 from quasirigid.palette import FINGER_COLOURS
-from quasirigid.view.meshes import spacing_of
-from quasirigid.view.pressure import SLIP, SLIP_COLOUR, STICK_COLOUR, Scale, colour_map, patch_of, pressure_at, rgb
-from quasirigid.view.scene import BodyView, FloatArray, SceneModel, SceneState
+from quasirigid.view.meshes import spacing_of, thinned
+from quasirigid.view.pressure import SLIP, SLIP_COLOUR, STICK_COLOUR, Scale, alike, colour_map, patch_of, pressure_at, rgb
+from quasirigid.view.scene import BodyView, FloatArray, IntArray, SceneModel, SceneState
 
 POSE_TOLERANCE = 1e-6
 """Poses that changed by less (m, and without unit for quaternions) are not sent again."""
@@ -24,6 +24,11 @@ SHAPE_TOLERANCE = 2e-6
 LARGE = 10_000
 """Surfaces of more points are sent at most every ``LARGE_EVERY`` seconds."""
 LARGE_EVERY = 0.1
+FEW = 1_000
+"""Objects and supports of more points are drawn with fewer triangles as long as they do not yield by ..."""
+SEEN = 4e-6
+"""... more than this, m."""
+OPAQUE = 0.999
 LIFT = 1.5e-4
 """How far the coloured points stand out of the surface, so that it does not hide half of each, m."""
 LOADED = 0.01
@@ -125,6 +130,9 @@ class SceneDrawing:
         self.scale = Scale()
         """Of the pressure colours."""
         self.meshes: list[viser.MeshHandle | None] = []
+        self._paths: dict[int, str] = {}
+        self._thin: set[int] = set()
+        """Bodies that are drawn with fewer triangles."""
         self._sent_shape: dict[int, npt.NDArray[np.float32]] = {}
         self._sent_at: dict[int, float] = {}
         self._patches: dict[int, PointPool] = {}
@@ -149,12 +157,21 @@ class SceneDrawing:
         path = f"{path}/{_path(body.name)}"
         if body.kind == "fingertip":
             self._patches[index] = PointPool(self.server, f"{path}/pressure", 1.7 * spacing_of(body.points))
+        self._paths[index] = path
+        coarse = thinned(body.points, body.normals) if len(body.points) > FEW and body.kind in ("object", "support") else None
+        if coarse is not None:
+            self._thin.add(index)
+            return self._mesh(index, body.points[coarse[0]], coarse[1])
         self._sent_shape[index] = body.points.astype(np.float32)
-        opaque = body.kind != "object"
+        return self._mesh(index, body.points, body.faces)
+
+    def _mesh(self, index: int, points: FloatArray, faces: IntArray) -> viser.MeshHandle:
+        body = self.model.bodies[index]
+        opaque = body.kind != "object" or self.layers.object_opacity >= OPAQUE
         return self.server.scene.add_mesh_simple(
-            path,
-            body.points.astype(np.float32),
-            body.faces.astype(np.uint32),
+            self._paths[index],
+            points.astype(np.float32),
+            faces.astype(np.uint32),
             color=body.colour,
             opacity=None if opaque else self.layers.object_opacity,
             cast_shadow=False,
@@ -174,7 +191,7 @@ class SceneDrawing:
                 continue
             if body.kind == "object":
                 mesh.visible = self.layers.object
-                mesh.opacity = None if self.layers.object_opacity >= 0.999 else self.layers.object_opacity
+                mesh.opacity = None if self.layers.object_opacity >= OPAQUE else self.layers.object_opacity
             elif body.kind in ("link", "fingertip"):
                 mesh.visible = self.layers.hand
 
@@ -186,7 +203,7 @@ class SceneDrawing:
         with self.server.atomic():
             self._poses(state)
             self._shapes(state, exact=exact)
-            if self._shown is None or not _alike(self._shown, state):
+            if self._shown is None or not alike(self._shown, state):
                 self._shown = state
                 self._pressure(state)
                 self._forces(state)
@@ -209,6 +226,12 @@ class SceneDrawing:
             if mesh is None or self.model.bodies[i].kind == "link":
                 continue
             body, moved = self.model.bodies[i], state.moved.get(i)
+            if i in self._thin:
+                if moved is None or np.abs(moved.points - body.points[moved.indices]).max() < SEEN:
+                    continue
+                self._thin.discard(i)
+                self._sent_shape[i] = body.points.astype(np.float32)
+                mesh.vertices, mesh.faces = body.points.astype(np.float32), body.faces.astype(np.uint32)
             if not exact and len(body.points) > LARGE and abs(state.time - self._sent_at.get(i, -1.0)) < LARGE_EVERY:
                 continue
             shape = body.points.astype(np.float32)
@@ -292,17 +315,6 @@ def cross_marks(points: FloatArray, normals: FloatArray, size: float) -> FloatAr
     one *= size / np.maximum(np.linalg.norm(one, axis=1), 1e-300)[:, None]
     two = np.cross(normals, one)
     return np.concatenate([np.stack([points - side, points + side], axis=1) for side in (one, two)])
-
-
-def _alike(one: SceneState, two: SceneState) -> bool:
-    """Whether forces and patches look the same in both."""
-    a, b = one.contacts, two.contacts
-    if len(a) != len(b) or not np.array_equal(a.status, b.status) or one.moved.keys() != two.moved.keys():
-        return False
-    if len(a) == 0:
-        return True
-    same = np.abs(a.forces - b.forces).max() < 1e-4 * np.abs(a.forces).max() and np.abs(a.points - b.points).max() < 5e-6
-    return bool(same)
 
 
 def _path(name: str) -> str:

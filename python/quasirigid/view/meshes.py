@@ -6,12 +6,17 @@ The vertices of every mesh of a surface are the surface's own points, so that a 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
 from quasirigid.view.scene import FloatArray, IntArray
 
+SAGITTA = 3e-5
+"""How far a thinned mesh may be from the surface, m."""
 FLAT = 0.999
 """Normals whose cosine with their mean is above this all belong to one plane."""
+CLOSED = 0.1
+"""A surface whose mean normal is shorter is closed."""
 LONGEST = 4.0
 """Triangles with an edge of more than so many spacings close a hole that the surface has."""
 COCONE = np.cos(np.radians(67.5))
@@ -36,9 +41,11 @@ def triangulate(points: FloatArray, normals: FloatArray) -> IntArray:
         faces = _in_plane(points, mean / length)
     else:
         star = _from_within(points, normals)
-        faces = _cocone(points, normals) if star is None else star
-    faces = _without_long_edges(points, faces)
-    return _outward(points, normals, faces)
+        if star is not None:
+            # On a closed surface the normals cancel: there is no hole to keep open.
+            return star if length < CLOSED else _without_long_edges(points, star)
+        faces = _cocone(points, normals)
+    return _outward(points, normals, _without_long_edges(points, faces))
 
 
 def _in_plane(points: FloatArray, normal: FloatArray) -> IntArray:
@@ -60,7 +67,7 @@ def _from_within(points: FloatArray, normals: FloatArray) -> IntArray | None:
         rays /= lengths[:, None]
         if np.einsum("ij,ij->i", rays, normals).min() > 0.02:
             try:
-                return np.asarray(ConvexHull(rays).simplices, dtype=np.int64)
+                return _outward(rays, rays, np.asarray(ConvexHull(rays).simplices, dtype=np.int64))
             except QhullError:
                 return None
     return None
@@ -105,6 +112,10 @@ def _cocone(points: FloatArray, normals: FloatArray) -> IntArray:
             ends.append(np.einsum("ij,ij->i", ray, n) / np.maximum(np.linalg.norm(ray, axis=1), 1e-300))
         low, high = np.minimum(*ends), np.maximum(*ends)
         good &= (low <= COCONE) & (high >= -COCONE)
+    # Four points in a plane and on a circle make a flat cell, both sides of which pass: its outer side is enough.
+    all_four = np.bincount(cell[good], minlength=len(corners)) + np.bincount(other[good & (other >= 0)], minlength=len(corners)) == 4
+    towards = np.einsum("ij,ij->i", out, normals[faces].sum(axis=1))
+    good &= ~((all_four[cell] & (towards < 0.0)) | ((other >= 0) & all_four[other] & (towards > 0.0)))
     return np.asarray(faces[good], dtype=np.int64)
 
 
@@ -125,11 +136,40 @@ def _outward(points: FloatArray, normals: FloatArray, faces: IntArray) -> IntArr
     return faces
 
 
+def thinned(points: FloatArray, normals: FloatArray) -> tuple[IntArray, IntArray] | None:
+    """A mesh through fewer points, within ``SAGITTA`` of the surface: which points (k,), and triangles (m, 3) of those. ``None`` if the
+    surface is neither plane nor seen whole from within.
+
+    Points are kept as far apart as curvature allows: a triangle within a circle of radius s, over a
+    curvature kappa, is off by kappa s^2 / 2.
+    """
+    mean = normals.mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    if length > 0.5 and (normals @ mean).min() > FLAT * length:
+        _, _, axes = np.linalg.svd((mean / length)[None])
+        kept = np.asarray(ConvexHull(points @ axes[1:].T).vertices, dtype=np.int64)
+        return kept, _outward(points[kept], normals[kept], _in_plane(points[kept], mean / length))
+    tree = cKDTree(points)
+    distance, neighbour = tree.query(points, k=9)
+    bend = np.linalg.norm(normals[neighbour[:, 1:]] - normals[:, None], axis=2) / np.maximum(distance[:, 1:], 1e-12)
+    widest = float(np.ptp(points, axis=0).max()) / 8.0
+    apart = np.minimum(np.sqrt(2.0 * SAGITTA / np.maximum(bend.max(axis=1), 1e-9)), widest)
+    waiting = np.ones(len(points), dtype=bool)
+    kept_points = []
+    for i in np.argsort(apart, kind="stable"):
+        if waiting[i]:
+            kept_points.append(i)
+            waiting[tree.query_ball_point(points[i], apart[i])] = False
+    kept = np.array(kept_points, dtype=np.int64)
+    faces = _from_within(points[kept], normals[kept])
+    return None if faces is None else (kept, faces)
+
+
 Mesh = tuple[FloatArray, FloatArray, IntArray]
 """Points, normals, faces."""
 
 
-def tapered_capsule(start: FloatArray, end: FloatArray, start_radius: float, end_radius: float, *, around: int = 20) -> Mesh:
+def tapered_capsule(start: FloatArray, end: FloatArray, start_radius: float, end_radius: float, *, around: int = 16) -> Mesh:
     """A tube with round ends from ``start`` to ``end`` (3,) m, its radius (m) going from one to the other."""
     axis = end - start
     length = float(np.linalg.norm(axis))
@@ -138,7 +178,7 @@ def tapered_capsule(start: FloatArray, end: FloatArray, start_radius: float, end
     x, y = frame[1], np.cross(z, frame[1])
     angle = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
     ring = np.cos(angle)[:, None] * x + np.sin(angle)[:, None] * y
-    caps = 6
+    caps = 5
     lower = [(start, start_radius, t) for t in np.linspace(-0.5 * np.pi, 0.0, caps)]
     upper = [(end, end_radius, t) for t in np.linspace(0.0, 0.5 * np.pi, caps)]
     normals = np.concatenate([np.cos(t) * ring + np.sin(t) * z for _, _, t in lower + upper])
@@ -160,10 +200,31 @@ def joined(meshes: list[Mesh]) -> Mesh:
     )
 
 
+def _closes_rim(points: FloatArray, faces: IntArray, axis: FloatArray) -> npt.NDArray[np.bool_]:
+    """Triangles (m,) that span the open rim of a pad: they lie low and square to its axis."""
+    a, b, c = (points[faces[:, i]] for i in range(3))
+    across = np.cross(b - a, c - a)
+    height = points @ axis
+    low = height[faces].max(axis=1) < np.median(height)
+    closing: npt.NDArray[np.bool_] = low & (np.abs(across @ axis) > 0.95 * np.linalg.norm(across, axis=1))
+    return closing
+
+
 def mirrored(points: FloatArray, normals: FloatArray, faces: IntArray, axis: FloatArray, *, thickness: float = 0.75) -> Mesh:
-    """The back of a pad: its mirror image in the plane of its rim, ``thickness`` times as thick. ``axis`` (3,) points out of the pad."""
+    """The back of a pad: its mirror image in the plane of its rim, ``thickness`` times as thick. ``axis`` (3,) points out of the pad.
+
+    It does not yield, and is made of fewer triangles.
+    """
     height = points @ axis
     rim = height.min()
+    few = thinned(points, normals)
+    if few is not None:
+        at_rim = np.flatnonzero(height < rim + 1.5 * spacing_of(points))
+        kept = np.union1d(few[0], at_rim)
+        points, normals, height = points[kept], normals[kept], height[kept]
+        star = _from_within(points, normals)
+        assert star is not None
+        faces = star[~_closes_rim(points, star, axis)]
     back = points - np.outer((1.0 + thickness) * (height - rim), axis)
     along = normals @ axis
     turned = normals - np.outer(along * (1.0 + 1.0 / thickness), axis)

@@ -138,7 +138,10 @@ class Play:
         self.grip.open()
 
     def lift(self, up: bool) -> None:
-        """Send the hand up, or back to where it started."""
+        """Send the hand up, or back to where it started. The squeeze is kept up on the way."""
+        if self.grip.state in ("squeezing", "holding"):
+            self._let_stand_go()
+            self.grip.squeeze = self.figures.squeeze
         place, turn = self._home
         self._aim = (place + np.array([0.0, 0.0, LIFT if up else 0.0]), turn)
 
@@ -146,6 +149,8 @@ class Play:
 
     def aim_base(self, position: FloatArray, quaternion: FloatArray) -> None:
         """Where the hand's base shall go; it follows at the pace of a hand."""
+        if self.grip.state == "holding" and self._stand > 0.0:
+            self._let_stand_go()
         self._aim = (position, quaternion)
 
     def aim_finger(self, finger: int, position: FloatArray) -> None:

@@ -32,7 +32,9 @@ class Curves:
         if len(times) < 2:
             times, forces, steps, contacts = (0.0, 1.0), np.zeros((2, self._fingers)).tolist(), (0.0, 0.0), (0, 0)
         t = np.asarray(times, dtype=np.float64)
-        by_finger = np.asarray(forces, dtype=np.float64).reshape(len(t), -1)
+        by_finger = np.zeros((len(t), self._fingers))
+        given = np.asarray(forces, dtype=np.float64).reshape(len(t), -1)
+        by_finger[:, : given.shape[1]] = given  # a world without a hand has none
         self._force.data = (t, *(np.ascontiguousarray(by_finger[:, i]) for i in range(self._fingers)))
         self._step.data = (t, 1e3 * np.asarray(steps, dtype=np.float64))
         self._contacts.data = (t, np.asarray(contacts, dtype=np.float64))

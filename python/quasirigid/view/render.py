@@ -167,13 +167,15 @@ class Renderer:
         self._has_floor = bool(back[2] > 0.05)
         width, height = self.layout.scene[2:]
         self.camera = self._camera(back, samples, (width, height))
-        coarse = self.camera
-        x, y, _ = coarse.plane(self.floor)
         self._middle = _middle(recording, samples[0])
-        self._ground = (x - self._middle[0], y - self._middle[1])
-        fine = Camera(coarse.axes, coarse.centre, FINE * coarse.scale, (FINE * width, FINE * height))
-        xs, ys, _ = fine.plane(self.floor)
-        self._lines = halved(floor_lines(xs, ys, self._middle, REACH)[..., None], FINE)[..., 0]
+        self._ground, self._lines = (np.zeros(0), np.zeros(0)), np.zeros((height, width))
+        if self._has_floor:
+            coarse = self.camera
+            x, y, _ = coarse.plane(self.floor)
+            self._ground = (x - self._middle[0], y - self._middle[1])
+            fine = Camera(coarse.axes, coarse.centre, FINE * coarse.scale, (FINE * width, FINE * height))
+            xs, ys, _ = fine.plane(self.floor)
+            self._lines = halved(floor_lines(xs, ys, self._middle, REACH)[..., None], FINE)[..., 0]
         # Of a single moment, chart and colours are those of the whole recording.
         shown = (start, end) if last > first else (float(recording.times[0]), float(recording.times[-1]))
         self.peak = max(recording.peak_pressure(recording.step_at(shown[0]), recording.step_at(shown[1])), 1.0)

@@ -16,7 +16,7 @@ from quasirigid.view import words
 from quasirigid.view.draw import Layers, SceneDrawing
 from quasirigid.view.panel import ViewPanel, from_page, set_value
 from quasirigid.view.plots import Curves
-from quasirigid.view.pressure import SLIP, Scale, nice_above
+from quasirigid.view.pressure import SLIP, Scale
 from quasirigid.view.scene import SceneState
 from quasirigid.view.server import LEFT_WIDTH, SLOW_RATE
 from quasirigid.view.stage import LOCAL, PORT, add_ground, close_server, open_server, place_camera
@@ -80,6 +80,14 @@ class Timeline:
             self._speed = speed
 
 
+class FixedScale(Scale):
+    """One full scale from start to end: colours of two moments can be compared."""
+
+    def follow(self, peak: float) -> bool:  # noqa: ARG002
+        """Stays as it is."""
+        return False
+
+
 class ReplayView:
     """A page that shows a recording. Use it as a context manager, or call ``close``."""
 
@@ -104,8 +112,8 @@ class ReplayView:
         add_ground(self.server, model.floor)
         place_camera(self.server, model, *self._widest(state))
         self._drawing = SceneDrawing(self.server, model, layers=self._layers)
-        top = nice_above(max(self.recording.peak_pressure(), 1e3))
-        self._drawing.scale = Scale(top, top)  # one scale from start to end
+        top = float(f"{1.05 * max(self.recording.peak_pressure(), 1e3):.1e}")
+        self._drawing.scale = FixedScale(top)
         self._tactile = Tactile(model)
         self._panel()
         self._thread = threading.Thread(target=self._show_on, name="quasirigid-replay", daemon=True)

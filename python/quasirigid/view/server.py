@@ -17,14 +17,16 @@ from quasirigid.view.draw import Layers, SceneDrawing
 from quasirigid.view.panel import ControlPanel, ViewPanel
 from quasirigid.view.play import Play
 from quasirigid.view.plots import Curves
+from quasirigid.view.pressure import alike
+from quasirigid.view.scene import SceneState
 from quasirigid.view.session import Frame, Session
 from quasirigid.view.stage import LOCAL, PORT, add_ground, close_server, open_server, place_camera
 from quasirigid.view.tactile import Tactile
 from quasirigid.view.touch import Touch
 
-RATE = 40.0
+RATE = 36.0
 """Updates of the page per second, at most."""
-SLOW_RATE = 6.0
+SLOW_RATE = 5.0
 """Plots, pictures and figures per second."""
 LEFT_WIDTH = 300
 """Of the panel with the plots, px."""
@@ -89,7 +91,7 @@ class LiveView:
         left = gui.add_panel()
         with left.add_tab("Sensors"):
             self._legend = gui.add_html("")
-            self._picture = gui.add_image(np.full((8, 8, 3), 255, np.uint8), format="png")
+            self._picture = gui.add_image(np.full((8, 8, 3), 255, np.uint8), format="jpeg", jpeg_quality=88)
             self._curves = Curves(self.server, frame.model)
         left.dock_left()
         left.set_width(LEFT_WIDTH)
@@ -123,6 +125,7 @@ class LiveView:
         self._touch = Touch(self.server, self.session, self._drawing, frame)
         self._touch.show(**self._gizmos)
         self._tactile = Tactile(frame.model)
+        self._pictured: tuple[SceneState, float] | None = None
         self._drawing.draw(frame.state)
         self._slow(frame)
 
@@ -150,7 +153,7 @@ class LiveView:
             self._redraw = False
             self._drawing.apply_layers()
         pull = None if frame.pulled is None else frame.pulled[:2]
-        self._drawing.draw(frame.state, pull)
+        self._drawing.draw(frame.state, pull, exact=not frame.running)
         self._touch.follow(frame)
         now = time.perf_counter()
         if now - self._slow_at > 1.0 / SLOW_RATE or not frame.running:
@@ -165,7 +168,9 @@ class LiveView:
         if scale != self._scale_shown:
             self._scale_shown = scale
             self._legend.content = words.legend(scale)
-        self._picture.image = self._tactile.picture(frame.state, scale)
+        if self._pictured is None or self._pictured[1] != scale or not alike(self._pictured[0], frame.state):
+            self._pictured = (frame.state, scale)
+            self._picture.image = self._tactile.picture(frame.state, scale)
         samples = list(self.session.samples)
         self._curves.show(
             [s.time for s in samples], [s.forces for s in samples], [s.step_time for s in samples], [s.contacts for s in samples]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
@@ -38,13 +40,17 @@ class Pad:
         centres = (np.arange(CELLS) + 0.5) / CELLS * self._size
         grid = np.stack(np.meshgrid(centres, centres[::-1]), axis=-1).reshape(-1, 2) + self._low
         _, nearest = _nearest(grid, flat)
-        self.cells = body.points[nearest]
+        self.cells = self.flattened(body.points[nearest])
         fine = (np.arange(SIDE) + 0.5) / SIDE * self._size
         pixels = np.stack(np.meshgrid(fine, fine[::-1]), axis=-1).reshape(-1, 2) + self._low
         distance, _ = _nearest(pixels, flat)
         edge = 1.2 * self._size / CELLS
         cover = np.clip((edge - distance) / (self._size / SIDE), 0.0, 1.0)
         self.mask = Image.fromarray((255 * cover).astype(np.uint8).reshape(SIDE, SIDE))
+
+    def flattened(self, points: FloatArray) -> FloatArray:
+        """``points`` (n, 3) in the plane of the picture, third coordinate 0: there a pad looks the same pressed in or not."""
+        return np.column_stack([points @ self._axes, np.zeros(len(points))])
 
     def pixels(self, points: FloatArray) -> FloatArray:
         """Where ``points`` (n, 3), body frame, lie in the picture, (n, 2) px from its upper left."""
@@ -65,21 +71,25 @@ class Tactile:
         self._tips = model.fingertips()
         self._names = model.fingers
         self._pads = [Pad(model.bodies[tip]) for tip in self._tips]
+        columns = max(1, len(self._pads))
+        self._empty = Image.new("RGB", (columns * SIDE + (columns - 1) * GAP, HEADING + SIDE), "white")
+        draw = ImageDraw.Draw(self._empty)
+        for i, name in enumerate(self._names):
+            draw.text((i * (SIDE + GAP), 1), name, fill=FINGER_COLOURS[i % 6])
 
     def picture(self, state: SceneState, full_scale: float) -> npt.NDArray[np.uint8]:
         """(height, width, 3): colour is pressure against ``full_scale``, Pa; an orange cross is a contact that slips."""
-        columns = max(1, len(self._pads))
-        width, height = columns * SIDE + (columns - 1) * GAP, HEADING + SIDE
-        image = Image.new("RGB", (width, height), "white")
+        image = self._empty.copy()
         draw = ImageDraw.Draw(image)
         for i, (tip, pad) in enumerate(zip(self._tips, self._pads, strict=True)):
             left = i * (SIDE + GAP)
             patch = patch_of(state, tip)
-            share = pressure_at(pad.cells, patch).reshape(CELLS, CELLS) / full_scale
-            cells = colour_map(share)
-            picture = Image.fromarray(cells).resize((SIDE, SIDE), Image.Resampling.BICUBIC)
+            share = np.zeros(CELLS * CELLS)
+            flat = replace(patch, points=pad.flattened(patch.points))
+            near = flat.near(pad.cells)
+            share[near] = pressure_at(pad.cells[near], flat) / full_scale
+            picture = Image.fromarray(colour_map(share.reshape(CELLS, CELLS))).resize((SIDE, SIDE), Image.Resampling.BICUBIC)
             image.paste(picture, (left, HEADING), pad.mask)
-            draw.text((left, 1), self._names[i], fill=FINGER_COLOURS[i % 6])
             slipping = (patch.status == SLIP) & (patch.pressures > LEAST_SLIP * full_scale)
             for x, y in pad.pixels(patch.points[slipping]) + [left, HEADING]:
                 for side in (-2, 2):

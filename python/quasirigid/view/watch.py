@@ -51,7 +51,7 @@ class WorldView:
         left = gui.add_panel()
         with left.add_tab("Sensors"):
             self._legend = gui.add_html("")
-            self._picture = gui.add_image(np.full((8, 8, 3), 255, np.uint8), format="png")
+            self._picture = gui.add_image(np.full((8, 8, 3), 255, np.uint8), format="jpeg", jpeg_quality=88)
             self._curves = Curves(self._server, self._scene.model)
         left.dock_left()
         left.set_width(LEFT_WIDTH)

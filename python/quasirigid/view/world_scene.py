@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from quasirigid._quasirigid import Body, Hand, StepReport, World
+from quasirigid.errors import InvalidHandleError
 from quasirigid.palette import BONE, FINGER_COLOURS, GLASS, LINK_RADII, NAIL, PAD, PALM
 from quasirigid.summary import conjugate, rotate
 from quasirigid.view.meshes import Mesh, joined, mirrored, tapered_capsule, triangulate
@@ -27,23 +29,34 @@ def colour_of(text: str) -> Colour:
 class WorldScene:
     """Makes the model and the states of a world. Not thread safe: use it where the world is used."""
 
-    def __init__(self, world: World, bodies: Sequence[Body] | None = None, hands: Sequence[Hand] | None = None) -> None:
-        """``bodies`` and ``hands`` are those to draw; ``None`` draws all that are in the world now."""
+    def __init__(
+        self, world: World, bodies: Sequence[Body] | None = None, hands: Sequence[Hand] | None = None, pads: Sequence[Body] = ()
+    ) -> None:
+        """``bodies`` and ``hands`` are those to draw; ``None`` draws all that are in the world now. ``pads`` are those of the bodies that are
+        fingertips without a hand: fingers before those of the hands.
+        """
         self.world = world
         self.bodies = list(world.bodies if bodies is None else bodies)
         self.hands = list(world.hands if hands is None else hands)
         views: list[BodyView] = []
         names: dict[str, int] = {}
         self._place: dict[int, int] = {}
+        self._tips: list[int] = []
+        fingers: list[str] = []
+        own = {pad.index for pad in pads}
         free = 0
         for body in self.bodies:
-            self._place[body.index] = len(views)
+            place = self._place[body.index] = len(views)
+            name = _unique(body.name, names)
+            if body.index in own:
+                views.append(replace(_body_view(body, name, "fingertip", PAD), finger=len(fingers)))
+                self._tips.append(place)
+                fingers.append(name.replace("_", " "))
+                continue
             kind: Kind = "support" if body.mass == 0.0 else "object"
             colour = SUPPORT if kind == "support" else OBJECT_COLOURS[free % len(OBJECT_COLOURS)]
             free += kind == "object"
-            views.append(_body_view(body, _unique(body.name, names), kind, colour))
-        self._tips: list[int] = []
-        fingers: list[str] = []
+            views.append(_body_view(body, name, kind, colour))
         for hand in self.hands:
             prefix = f"{_unique(hand.name, names)}/" if len(self.hands) > 1 else ""
             for finger, (index, name) in enumerate(zip(hand.body_indices, hand.finger_names, strict=True)):
@@ -52,7 +65,7 @@ class WorldScene:
                 views.append(_tip_view(hand, finger, f"{prefix}{name}", len(fingers)))
                 fingers.append(f"{prefix}{name}".replace("_", " "))
         self._links: list[tuple[Hand, int | None, int]] = []
-        shown = 0
+        shown = len(self._tips) - sum(hand.finger_count for hand in self.hands)
         for hand in self.hands:
             prefix = f"{hand.name}/" if len(self.hands) > 1 else ""
             views.append(BodyView(f"{prefix}palm", "link", *_palm(hand), PALM))
@@ -67,8 +80,12 @@ class WorldScene:
         self.model = SceneModel(tuple(views), tuple(fingers), world.dt, _floor(views, self.bodies))
 
     def unchanged(self) -> bool:
-        """Whether the world still holds the bodies and hands of the model."""
-        return [b.index for b in self.world.bodies] == [i for i in self._place if self._place[i] < len(self.bodies)]
+        """Whether the world still holds the bodies and hands of the model, and no others."""
+        try:
+            indices = [body.index for body in self.bodies] + [i for hand in self.hands for i in hand.body_indices]
+        except InvalidHandleError:
+            return False
+        return indices == list(self._place) and len(self.world.bodies) == len(self.bodies) and len(self.world.hands) == len(self.hands)
 
     def state(self, report: StepReport | None = None, phase: str = "", *, moved: bool = True) -> SceneState:
         """The world now. ``report`` is that of the last step; without ``moved`` the surfaces are left out, which saves a third of the time."""
@@ -85,7 +102,7 @@ class WorldScene:
             if moved:
                 put(place, *body.moved_points())
         links = {id(hand): hand.link_poses for hand in self.hands}
-        tip = 0
+        tip = len(self._tips) - sum(hand.finger_count for hand in self.hands)
         for hand in self.hands:
             for finger in range(hand.finger_count):
                 place = self._tips[tip]

@@ -51,7 +51,7 @@ impl<F: Fn(&Vec3) -> Vec3, G: Fn(&Vec3) -> Vec3> Trees<'_, F, G> {
     }
 
     /// Couples what is left in the `queue` at the cost of `tests` more sphere tests, in place of what is already `coupled` below the same nodes of `a`.
-    pub(super) fn couple_queued(&self, stack: &mut Vec<u32>, queue: &mut Vec<(u32, u32)>, coupled: &mut Vec<Coupled>, tests: usize) {
+    pub(super) fn couple_queued(&self, stack: &mut Vec<u32>, queue: &mut [(u32, u32)], coupled: &mut Vec<Coupled>, tests: usize) {
         let most = (tests / TESTS).max(1);
         loop {
             queue.sort_unstable();

@@ -96,7 +96,8 @@ pub struct Collision {
     projection: projection::Scratch,
 }
 
-/// Finds all contacts. `pairs` grows when two bodies meet for the first time; then `friction` is asked for theirs.
+/// Finds all contacts. `pairs` grows when two bodies meet for the first time; then `friction` is asked for theirs. `step`: number of the step, for
+/// [`Parameters::collision_every`].
 pub(crate) fn collision(
     out: &mut Collision,
     bodies: &[BodyEntry],
@@ -104,6 +105,7 @@ pub(crate) fn collision(
     pairs: &mut Vec<Pair>,
     friction: &FrictionTable,
     params: &Parameters,
+    step: u64,
 ) {
     let start = Instant::now();
     broad_phase::reach_of_bodies(bodies, free, &mut out.reach);
@@ -115,7 +117,8 @@ pub(crate) fn collision(
     }
     out.coarse = out.traversal.coarse;
     let traversed = Instant::now();
-    projection::project_control_points(&mut out.projection, pairs, bodies, free, params, &mut out.contacts);
+    let look = step.is_multiple_of(u64::from(params.collision_every));
+    projection::project_control_points(&mut out.projection, pairs, bodies, free, params, look, &mut out.contacts);
     out.traverse_time = traversed - start;
     out.projection_time = traversed.elapsed();
 }

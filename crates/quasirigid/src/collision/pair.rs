@@ -47,8 +47,10 @@ pub struct Pair {
     pub near: bool,
     /// Last reaction of each control point of `a`, contact frame, N; zero where there was none.
     pub reaction: Vec<Vec3>,
-    /// By how much it changed in the last step, where it was loaded before and after.
+    /// By how much it is likely to change in the next step, where it was loaded in the last ones, N.
     pub trend: Vec<Vec3>,
+    /// By how much it changed in the last step, where it was loaded before and after, N.
+    pub change: Vec<Vec3>,
     /// Control points with a reaction of the last step.
     pub loaded: Vec<u32>,
     /// Elastic displacement of `a` under this pair's reactions.
@@ -159,6 +161,7 @@ pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[
                     near: true,
                     reaction: vec![Vec3::zeros(); count_a],
                     trend: vec![Vec3::zeros(); count_a],
+                    change: vec![Vec3::zeros(); count_a],
                     loaded: Vec::with_capacity(count_a.min(512)),
                     side_a: PatchSide::new(count_a),
                     side_b: PatchSide::new(count_b),

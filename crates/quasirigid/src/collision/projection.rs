@@ -57,7 +57,8 @@ enum Seen {
 
 impl Default for Remembered {
     fn default() -> Self {
-        Self { x: Vec3::zeros(), holds_for: -1.0, surface: Seen::Nothing, at_edge: None, deep: false }
+        // From nowhere: whatever the control point does, it has moved too far.
+        Self { x: Vec3::repeat(Real::INFINITY), holds_for: -1.0, surface: Seen::Nothing, at_edge: None, deep: false }
     }
 }
 
@@ -81,15 +82,20 @@ struct Due {
 }
 
 /// Every control point with a coupled leaf becomes a contact if it is near enough. Where what it remembers no longer holds it is projected first, once, from
-/// the leaf that holds the nearest point that faces it.
+/// the leaf that holds the nearest point that faces it. `look`: whether what is remembered is held against its usual limits in this step, see
+/// [`Parameters::collision_every`].
+#[allow(clippy::too_many_arguments)] // inputs and outputs of the stage
 pub(super) fn project_control_points(
     scratch: &mut Scratch,
     pairs: &mut [Pair],
     bodies: &[BodyEntry],
     free: &[FreeMotion],
     params: &Parameters,
+    look: bool,
     contacts: &mut Vec<Contact>,
 ) {
+    // Between two looks a foot and its tangent plane are carried along with `b`, for as far as a contact is seen coming.
+    let carried = if look { -1.0 } else { params.contact_margin };
     scratch.due.clear();
     for (index, pair) in pairs.iter().enumerate().filter(|(_, pair)| pair.near) {
         let Some(view) = View::of(pair, bodies, free, params) else { continue };
@@ -100,7 +106,12 @@ pub(super) fn project_control_points(
             let approach = approach.norm();
             let slack = EDGE_SLACK * view.skin_b.surface.spacing;
             let passes_edge = known.at_edge.is_some_and(|rest| (view.at_rest(control_point) - rest).norm() > slack);
-            if passes_edge || (x - known.x).norm() + if matches!(known.surface, Seen::Nothing) { approach } else { 0.0 } > known.holds_for {
+            let holds = match known.surface {
+                Seen::Foot { .. } => (x - known.x).norm() <= known.holds_for.max(carried),
+                Seen::Nothing if known.holds_for < 0.0 => (x - known.x).norm() <= carried,
+                Seen::Nothing => (x - known.x).norm() + approach <= known.holds_for,
+            };
+            if passes_edge || !holds {
                 scratch.due.push(Due { pair: index as u32, coupled: coupled.start as u32..coupled.end as u32, x, approach });
             }
         }

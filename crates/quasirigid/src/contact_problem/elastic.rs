@@ -11,6 +11,7 @@ use crate::body::Skin;
 use crate::collision::Contact;
 use crate::math::{Mat3, Real};
 use crate::surface::{Compliance, Loaded};
+use std::cmp::Ordering;
 
 const NONE: u32 = u32::MAX;
 
@@ -129,12 +130,14 @@ impl Scratch {
             Compliance::HalfSpace(half_space) => {
                 let control = &skin_a.surface.control;
                 for (j, other) in patch.iter().enumerate() {
-                    let block = if i == j {
-                        half_space.self_block(&control.normals[control_point], patch[i].inverse_distance(skin_a))
-                    } else {
-                        half_space.block(control, control_point, other.control_point as usize)
+                    // A half-space is reciprocal: what lies left of the diagonal is known.
+                    self.tensor[j] = match j.cmp(&i) {
+                        Ordering::Less => rows.mirrored(0, i, j),
+                        Ordering::Equal => {
+                            half_space.self_block(&control.normals[control_point], patch[i].inverse_distance(skin_a)) * self.share_a
+                        }
+                        Ordering::Greater => half_space.block(control, control_point, other.control_point as usize) * self.share_a,
                     };
-                    self.tensor[j] = block * self.share_a;
                 }
                 rows.add_tensors(0, &self.tensor);
             }
@@ -173,12 +176,12 @@ impl Scratch {
             Compliance::HalfSpace(half_space) => {
                 let foot = &self.feet[i];
                 for (j, other) in self.feet.iter().enumerate() {
-                    let block = if i == j {
-                        half_space.self_block(&foot.normal, patch[i].inverse_distance(skin_a))
-                    } else {
-                        half_space.block_between(foot, other)
+                    let turned = |block: Mat3| self.turn * block * self.turn.transpose() * self.share_b;
+                    self.tensor[j] = match j.cmp(&i) {
+                        Ordering::Less => rows.mirrored(1, i, j),
+                        Ordering::Equal => turned(half_space.self_block(&foot.normal, patch[i].inverse_distance(skin_a))),
+                        Ordering::Greater => turned(half_space.block_between(foot, other)),
                     };
-                    self.tensor[j] = self.turn * block * self.turn.transpose() * self.share_b;
                 }
                 rows.add_tensors(1, &self.tensor);
             }

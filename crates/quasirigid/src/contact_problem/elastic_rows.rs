@@ -63,6 +63,11 @@ impl ElasticRows {
         self.tensors[side].extend_from_slice(row);
     }
 
+    /// Transpose of the block in row `j` and column `i` of a side whose row `j` was added already.
+    pub(super) fn mirrored(&self, side: usize, i: usize, j: usize) -> Mat3 {
+        self.tensors[side][j * self.contacts.len() + i].transpose()
+    }
+
     /// The number that [`ElasticRows::start`] was given.
     pub(super) fn serial(&self) -> u64 {
         self.serial

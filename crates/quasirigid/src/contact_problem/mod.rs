@@ -27,6 +27,8 @@ pub struct ContactProblem {
     pub mu: Vec<Real>,
     /// Reactions, N: the warm start on entry to the solver, the solution after.
     pub reactions: Vec<Vec3>,
+    /// Whether any of the warm start is a forecast rather than the last reaction: something is in motion.
+    pub foretold: bool,
     /// Open, stick or slip, as the solver left it.
     pub status: Vec<ContactStatus>,
     /// Contacts that had to be left out because their block of `W` was not positive definite (no body of the pair can move there and neither gives).
@@ -129,6 +131,7 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodi
     out.delta_free.clear();
     out.mu.clear();
     out.reactions.clear();
+    out.foretold = false;
     out.status.clear();
     out.status.resize(contacts.len(), ContactStatus::Open);
     out.rigid_time = Duration::ZERO;
@@ -142,7 +145,9 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodi
             for contact in patch {
                 out.delta_free.push(free_gap::delta_free(contact, pair, bodies, free, dt));
                 out.mu.push(coefficient(contact, pair, [entry_a, entry_b]));
-                out.reactions.push(warm_start(pair, contact.control_point as usize));
+                let warm_start = warm_start(pair, contact.control_point as usize);
+                out.foretold |= warm_start != pair.reaction[contact.control_point as usize];
+                out.reactions.push(warm_start);
                 out.rigid.push(RigidRows {
                     a: rigid_rows(contact, pair.a, entry_a, &free[pair.a as usize], 1.0),
                     b: rigid_rows(contact, pair.b, entry_b, &free[pair.b as usize], -1.0),

@@ -9,7 +9,7 @@ use crate::math::{Mat3, Real, Vec3};
 use std::sync::OnceLock;
 
 /// Factors that cost more than this many products with the matrix are not worth it where a Krylov method would do.
-const DEAR_FACTORS: Real = 300.0;
+const DEAR_FACTORS: Real = 200.0;
 
 /// `W` (m/N) in block rows, with the reactions it is applied to.
 ///
@@ -132,6 +132,12 @@ impl Assembled {
             part.blocks.push(self.blocks[i]);
         }
         part
+    }
+
+    /// The matrix times a factor > 0, with no reactions.
+    pub(super) fn scaled(&self, factor: Real) -> Option<Self> {
+        let values = self.values.iter().map(|w| w * factor).collect();
+        Self::from_block_rows(self.starts.clone(), self.columns.clone(), values).ok()
     }
 
     /// The same blocks, each turned into another by its row and column. For its rows only: what [`Delassus`] offers is that of the matrix before.

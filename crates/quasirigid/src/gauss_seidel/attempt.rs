@@ -7,7 +7,7 @@ use super::delassus::Delassus;
 use super::interior_point::interior_point;
 use super::parameters::{Measure, SolverParameters, Stop};
 use super::proximal::proximal_newton;
-use super::residual::{AsGiven, natural_map_residual};
+use super::residual::{AsGiven, natural_map_residual, project_on_cone};
 use super::sweep::{Scratch, WORST_ERROR, name_statuses, solve_until};
 use super::system::{ContactSystem, SystemSolution};
 use crate::error::{Error, Result, check_finite};
@@ -15,6 +15,9 @@ use crate::math::{Real, Vec3};
 
 /// Sweeps and Newton steps before heavier means. Most of them are not used: where sweeps crawl, they end after 40, and Newton steps after 30.
 const FIRST_TRY: u32 = 400;
+
+/// See [`Attempt::tighten`].
+const LOOSE: Real = 100.0;
 
 /// What is tried on a part, one after the other until one succeeds.
 const METHODS: [Method; 5] = [
@@ -90,6 +93,10 @@ pub fn solve_system_until(
         }
         stop = if sums.residual() <= parameters.tolerance { Stop::Converged } else { deadline.reason().unwrap_or(Stop::SweepCap) };
     }
+    if stop == Stop::Converged {
+        attempt.tighten(system, &mut w);
+        sums = attempt.sums(&mut w, &system.q, &system.mu);
+    }
     let Attempt { reactions, status, sweeps, newton_steps, .. } = attempt;
     let velocities: Vec<Vec3> = (0..n).map(|i| w.displacement(i) + system.q[i]).collect();
     let rho: Vec<Real> = (0..n).map(|i| w.diagonal_block(i).rho()).collect();
@@ -134,11 +141,48 @@ impl Attempt<'_> {
             min_sweeps: 0,
             time_budget: None,
             measure: Measure::AsGiven,
+            foretold: false,
         };
         let report = solve_until(w, q, mu, &mut self.reactions, &mut self.status, &parameters, &mut Scratch::default(), self.deadline);
         self.sweeps += report.sweeps;
         self.newton_steps += report.newton_steps;
         report.stop
+    }
+
+    /// Where forces are large numbers and velocities small ones, as with a `W` in m/N, the residual as given says little about velocities. In units in which `W` is of order one
+    /// it must be within [`LOOSE`] tolerances, or sweeps and Newton steps go on until it is. As they cannot always reach that, it is no condition.
+    fn tighten(&mut self, system: &ContactSystem, w: &mut Assembled) {
+        let n = system.len();
+        let compliance = (0..n).map(|i| system.w.diagonal_block(i).matrix().trace()).sum::<Real>() / (3 * n.max(1)) as Real;
+        let goal = (LOOSE * self.tolerance).min(1.0);
+        if compliance >= 1.0 || self.is_over() || self.residual_in_units_of(compliance, w, system) <= goal {
+            return;
+        }
+        let Some(mut scaled) = system.w.scaled(1.0 / compliance) else { return };
+        let (kept, tolerance) = ((self.reactions.clone(), self.status.clone()), self.tolerance);
+        for r in &mut self.reactions {
+            *r *= compliance;
+        }
+        self.tolerance = goal;
+        let stop = self.sweep(&mut scaled, &system.q, &system.mu, FIRST_TRY);
+        self.tolerance = tolerance;
+        for (r, mu) in self.reactions.iter_mut().zip(&system.mu) {
+            *r = project_on_cone(&(*r / compliance), *mu);
+        }
+        let still_good = self.sums(w, &system.q, &system.mu).residual() <= tolerance;
+        if !(stop == Stop::Converged && still_good) {
+            (self.reactions, self.status) = kept;
+        }
+    }
+
+    /// The residual as it is when forces are in units in which `compliance` is one.
+    fn residual_in_units_of(&self, compliance: Real, w: &mut Assembled, system: &ContactSystem) -> Real {
+        w.set_reactions(&self.reactions);
+        let mut sums = AsGiven::default();
+        for (i, r) in self.reactions.iter().enumerate() {
+            sums.add(&(w.displacement(i) + system.q[i]), &(r * compliance), &system.q[i], system.mu[i]);
+        }
+        sums.residual()
     }
 
     /// What the residual is made of; `w` holds the reactions afterwards.

@@ -164,10 +164,11 @@ impl BlockPattern {
                 row[self.place[j]] += left[i] * block;
             }
             row[k] += diagonal[i];
-            for entry in self.lower_starts[k]..self.lower_starts[k + 1] {
-                let above = self.lower[entry] as usize;
+            let left_of_diagonal = self.lower_starts[k]..self.lower_starts[k + 1];
+            for (above, entry) in self.lower[left_of_diagonal.clone()].iter().zip(&mut lower[left_of_diagonal]) {
+                let above = *above as usize;
                 let multiplier = row[above] * inverses[above];
-                lower[entry] = multiplier;
+                *entry = multiplier;
                 row[above] = Mat3::zeros();
                 let range = self.upper_starts[above]..self.upper_starts[above + 1];
                 for (column, block) in self.upper[range.clone()].iter().zip(&upper[range]) {

@@ -33,8 +33,12 @@ const DEPTH: usize = 40;
 /// The linear system is solved to this share of its right-hand side. Looser: more steps; tighter: more products per step. 0.1 and 0.001 cost the same in total within 20 %.
 const FORCING: Real = 0.01;
 
-/// Damping by which a solve starts and to which it can come back: contacts twice as soft.
+/// Damping to which a solve can come back: contacts twice as soft.
 const FULL_DAMPING: Real = 1.0;
+
+/// Damping by which a solve starts, times its residual. A warm start that sweeps have brought to 1e-7 is near the solution: with full damping it would go to it in four short steps
+/// instead of one or two. A box pushed by fingers on its stand: 44 instead of 47 sweeps, and a fifth less time. 0.1 to 10 cost the same within 5 %.
+const FIRST_DAMPING: Real = 10.0;
 
 /// Smallest damping; below it the term is lost in rounding.
 const LEAST_DAMPING: Real = 1e-12;
@@ -72,9 +76,9 @@ impl Newton {
         }
     }
 
-    /// Begins a run of steps.
-    pub(super) fn restart(&mut self) {
-        self.damping = FULL_DAMPING;
+    /// Begins a run of steps from forces with this residual, no unit.
+    pub(super) fn restart(&mut self, residual: Real) {
+        self.damping = if self.direct { FULL_DAMPING } else { (FIRST_DAMPING * residual).clamp(LEAST_DAMPING, FULL_DAMPING) };
     }
 
     /// One step. `f` (N) moves, not necessarily within the cones; `w` holds it on entry and on return. `late` is asked after every product and ends the search early.

@@ -22,11 +22,14 @@ pub struct SolverParameters {
     pub time_budget: Option<Duration>,
     /// What `tolerance` is compared with. Default [`Measure::UnitFree`].
     pub measure: Measure,
+    /// Whether the warm start is a forecast of reactions that change: then it need not be improved beyond a tenth of the tolerance. Default false: one of
+    /// something at rest is always improved a hundredfold, so that what is held does not creep by the tolerance. A step sets it by what it sees.
+    pub foretold: bool,
 }
 
 impl Default for SolverParameters {
     fn default() -> Self {
-        Self { tolerance: 1e-8, max_sweeps: 1000, min_sweeps: 2, time_budget: None, measure: Measure::UnitFree }
+        Self { tolerance: 1e-8, max_sweeps: 1000, min_sweeps: 2, time_budget: None, measure: Measure::UnitFree, foretold: false }
     }
 }
 

@@ -2,7 +2,8 @@
 //!
 //! Around a centre `c` the contacts are made softer by the share `alpha`: `alpha W_ii (f_i - c_i)` is added to the displacement. With a large `alpha` a few Newton steps find the
 //! solution; it becomes the next centre, and `alpha` falls for as long as that stays so and rises when it does not. At the end `f = c`, and the solution is that of the
-//! problem itself. Acary, Brémond and Huber (2018, section 6) compare this with others on problems of this kind, and find it the surest.
+//! problem itself. Acary, Brémond and Huber (2018) compare methods for
+//! such problems, this one among them.
 //!
 //! [`super::newton`] damps in the same way but moves the centre with every step, which is faster on most problems and leads nowhere on some: heaps, where
 //! most contacts are at the edge of sticking. Steps and slopes are the same, written for the damped problem.

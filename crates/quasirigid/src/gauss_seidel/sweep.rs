@@ -47,6 +47,9 @@ const NEWTON_STEPS: u32 = 30;
 /// would otherwise stay just below the tolerance for ever, and a held object would creep by them.
 const IMPROVEMENT: Real = 0.01;
 
+/// Below this share of the tolerance a forecast of something in motion need not be improved by as much.
+const WELL_BELOW: Real = 0.1;
+
 /// Sweeps that may be spent on that once the residual is within the tolerance.
 const REFINEMENT: u32 = 8;
 
@@ -171,7 +174,7 @@ impl<W: Delassus> Run<'_, W> {
         // The least that was seen, now and some sweeps ago.
         let (mut least, mut least_before) = (Real::INFINITY, Real::INFINITY);
         while self.sweeps < patience.max(self.parameters.min_sweeps) {
-            if self.parameters.measure == Measure::AsGiven && self.sweeps % STRETCH == 0 {
+            if self.parameters.measure == Measure::AsGiven && self.sweeps.is_multiple_of(STRETCH) {
                 // A problem from elsewhere has time: sweeps that get on well may go on.
                 if self.sweeps + STRETCH >= patience
                     && least <= GOOD_PROGRESS * least_before
@@ -191,7 +194,8 @@ impl<W: Delassus> Run<'_, W> {
             }
             // A problem from elsewhere has no next step that could creep.
             if self.sweeps == 1 && change > FINEST && self.parameters.measure == Measure::UnitFree {
-                aim = (IMPROVEMENT * change).min(tolerance);
+                let enough = if self.parameters.foretold { WELL_BELOW * tolerance } else { 0.0 };
+                aim = (IMPROVEMENT * change).clamp(enough, tolerance);
             }
             let out_of_time = self.out_of_time(0);
             let seen = self.seen;
@@ -234,12 +238,12 @@ impl<W: Delassus> Run<'_, W> {
     /// Newton steps, and a last sweep.
     fn step_until_done(&mut self, scratch: &mut Scratch) -> SolveReport {
         let Scratch { newton, before, .. } = scratch;
-        newton.restart();
         newton.direct = self.parameters.measure == Measure::AsGiven;
         let tolerance = self.parameters.tolerance;
         // A feasible state to come back to, should the steps lead nowhere before time is up. The sweep makes it one: an extrapolation may have come last.
         self.sweep();
         let first_residual = self.residual();
+        newton.restart(first_residual);
         let before = &mut before[..self.f.len()];
         before.copy_from_slice(self.f);
         loop {

@@ -1,0 +1,191 @@
+//! `Take`, `TakeWriter` and `Replay`: packets of a tracker in files, and on their way again.
+
+use crate::mocap::{OrRaiseMocap, Packet, address, duration, figures, lock, pair, parse, raise, read};
+use crate::mocap_hand::{HandDecoder, HandFrame};
+use numpy::{IntoPyArray, PyArray1};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use quasirigid_mocap as mocap;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError, RwLock};
+use std::time::Duration;
+
+/// A recorded take.
+#[pyclass(frozen, module = "quasirigid._quasirigid")]
+pub struct Take {
+    take: mocap::Take,
+}
+
+#[pymethods]
+impl Take {
+    #[staticmethod]
+    fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        py.detach(|| mocap::Take::read(&path)).or_raise(py).map(|take| Self { take })
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (*, seed = 1, rate = 60.0, noise = 3e-4, tremor = 1.5e-4))]
+    fn pinch(py: Python<'_>, seed: u64, rate: f64, noise: f64, tremor: f64) -> PyResult<Self> {
+        let options = mocap::synthetic::PinchOptions { seed, rate, noise, tremor };
+        mocap::synthetic::pinch_take(&options).or_raise(py).map(|take| Self { take })
+    }
+
+    fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        py.detach(|| self.take.write(&path)).or_raise(py)
+    }
+
+    #[getter]
+    fn packets(&self, py: Python<'_>) -> PyResult<Vec<Packet>> {
+        self.take.packets.iter().map(|taken| Packet::taken(py, taken)).collect()
+    }
+
+    #[getter]
+    fn arrivals<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.take.packets.iter().map(|packet| packet.arrival).collect::<Vec<_>>().into_pyarray(py)
+    }
+
+    #[getter]
+    fn notes(&self) -> Vec<String> {
+        self.take.notes.clone()
+    }
+
+    #[getter]
+    fn damaged(&self) -> usize {
+        self.take.damaged
+    }
+
+    #[getter]
+    fn duration(&self) -> f64 {
+        self.take.duration()
+    }
+
+    fn statistics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let mut meter = mocap::statistics::StreamMeter::default();
+        for taken in &self.take.packets {
+            meter.counts().datagrams += 1;
+            meter.counts().bytes += taken.bytes.len() as u64;
+            meter.add(&parse(py, &taken.bytes)?, taken.arrival);
+        }
+        figures(py, &meter.figures(self.take.packets.last().map_or(0.0, |last| last.arrival)))
+    }
+
+    fn frames(&self, py: Python<'_>, decoder: &HandDecoder) -> PyResult<Vec<HandFrame>> {
+        let mut frames = Vec::new();
+        for packet in self.packets(py)? {
+            frames.extend(decoder.decode(&packet));
+        }
+        Ok(frames)
+    }
+
+    fn __len__(&self) -> usize {
+        self.take.packets.len()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Take({} packets, {:.2} s)", self.take.packets.len(), self.take.duration())
+    }
+}
+
+/// Writes a take while it is recorded.
+#[pyclass(frozen, module = "quasirigid._quasirigid")]
+pub struct TakeWriter {
+    writer: Mutex<mocap::TakeWriter>,
+}
+
+#[pymethods]
+impl TakeWriter {
+    #[new]
+    #[pyo3(signature = (path, *, append = false))]
+    fn new(py: Python<'_>, path: PathBuf, append: bool) -> PyResult<Self> {
+        let open = || if append { mocap::TakeWriter::append(&path) } else { mocap::TakeWriter::create(&path) };
+        py.detach(open).or_raise(py).map(|writer| Self { writer: Mutex::new(writer) })
+    }
+
+    fn note(&self, py: Python<'_>, text: &str) -> PyResult<()> {
+        lock(&self.writer).note(text).or_raise(py)
+    }
+
+    fn packet(&self, py: Python<'_>, arrival: f64, data: &[u8]) -> PyResult<()> {
+        mocap::error::check_within("arrival", arrival, 0.0, 1e5, "s").or_raise(py)?;
+        py.detach(|| lock(&self.writer).packet(arrival, data)).or_raise(py)
+    }
+}
+
+/// A take on its way.
+#[pyclass(frozen, module = "quasirigid._quasirigid")]
+pub struct Replay {
+    replay: RwLock<mocap::Replay>,
+}
+
+#[pymethods]
+impl Replay {
+    #[new]
+    #[allow(clippy::too_many_arguments)] // keyword arguments
+    #[pyo3(signature = (take, targets = vec![], *, speed = 1.0, rounds = 1, source_port = 50_107, bind = "0.0.0.0", serve_greeters = true, bodies = false))]
+    fn new(
+        py: Python<'_>,
+        take: &Take,
+        targets: Vec<String>,
+        speed: f64,
+        rounds: u32,
+        source_port: u16,
+        bind: &str,
+        serve_greeters: bool,
+        bodies: bool,
+    ) -> PyResult<Self> {
+        let options = mocap::ReplayOptions { speed, rounds, source_port, bind: address(py, "bind", bind)?, serve_greeters, bodies };
+        let start = || {
+            let targets =
+                targets.iter().map(|text| mocap::endpoint::target(text).map(SocketAddr::V4)).collect::<mocap::Result<Vec<_>>>()?;
+            mocap::Replay::start(&take.take, &targets, &options)
+        };
+        py.detach(start).or_raise(py).map(|replay| Self { replay: RwLock::new(replay) })
+    }
+
+    #[getter]
+    fn address(&self) -> (String, u16) {
+        pair(read(&self.replay).address())
+    }
+
+    fn wait(&self, py: Python<'_>, timeout: f64) -> PyResult<bool> {
+        let end = std::time::Instant::now() + duration(py, "timeout", timeout)?;
+        loop {
+            let left = end.saturating_duration_since(std::time::Instant::now());
+            let done = py.detach(|| read(&self.replay).wait(left.min(Duration::from_millis(50))));
+            py.check_signals()?;
+            if done || left.is_zero() {
+                return match read(&self.replay).state().failure {
+                    Some(failure) => Err(raise(py, &failure)),
+                    None => Ok(done),
+                };
+            }
+        }
+    }
+
+    fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let s = read(&self.replay).state();
+        let dict = PyDict::new(py);
+        dict.set_item("sent", s.sent)?;
+        dict.set_item("rounds", s.rounds)?;
+        dict.set_item("greetings", s.greetings)?;
+        dict.set_item("targets", s.targets.iter().copied().map(pair).collect::<Vec<_>>())?;
+        dict.set_item("refused", s.refused)?;
+        dict.set_item("latest", s.latest)?;
+        dict.set_item("done", s.done)?;
+        Ok(dict)
+    }
+
+    fn stop(&self, py: Python<'_>) {
+        py.detach(|| self.replay.write().unwrap_or_else(PoisonError::into_inner).stop());
+    }
+
+    fn __enter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    #[pyo3(signature = (*_exception))]
+    fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, PyAny>) {
+        self.stop(py);
+    }
+}

@@ -1,0 +1,133 @@
+"""``quasirigid grasp --mocap``: what the command line adds to a session."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import typer
+from rich.console import Console, Group
+from rich.markup import escape
+from rich.panel import Panel
+from rich.table import Table
+
+from quasirigid.errors import InvalidValueError
+from quasirigid.grasp_options import GraspOptions
+from quasirigid.mocap import Calibration
+from quasirigid.mocap.session import MocapOptions, MocapResult, run_mocap
+from quasirigid.mocap.stream import NetworkSource, open_source
+from quasirigid.webxr import PORT, Placement, XrServer
+from quasirigid.webxr.pages import LOCAL
+
+
+def grasp_mocap(
+    options: GraspOptions,
+    source: str,
+    *,
+    bind: str | None,
+    side: str,
+    coupling: str,
+    calibration: Path | None,
+    bodies: str | None,
+    place: str | None,
+    certificate: Path | None,
+    key: Path | None,
+    idle: float,
+    out: Path,
+    record: Path | None,
+    as_json: bool,
+) -> None:
+    """Run a session and print what became of it."""
+    mocap = MocapOptions(
+        side=side,  # type: ignore[arg-type]  # checked by MocapOptions.check
+        coupling=coupling,  # type: ignore[arg-type]
+        calibration=None if calibration is None else Calibration.read(calibration),
+        bodies=bodies,
+        idle=idle,
+    )
+    mocap.check()
+    kind, _, port = source.partition(":")
+    if kind == "webxr":
+        if calibration is not None or bodies is not None:
+            wrong = "--calibration" if bodies is None else "--bodies"
+            raise InvalidValueError(wrong, "none with --mocap webxr", calibration or bodies, "use --place, or recentre in the headset")
+        page = _open_page(port, bind or "127.0.0.1", mocap.side, place, certificate, key)
+        with page:
+            result = run_mocap(options, mocap, page, out, record=record, viewer=page, told=_say)
+    else:
+        for name, value in (("--place", place), ("--certificate", certificate), ("--key", key)):
+            if value is not None:
+                raise InvalidValueError(name, "--mocap webxr", source, "leave it out: it is about the page for a headset")
+        stream = open_source(source, bind=bind or "0.0.0.0")
+        try:
+            if isinstance(stream, NetworkSource):
+                host, udp = stream.address
+                _say(f"listening on UDP {host}:{udp}; Ctrl-C ends it")
+            result = run_mocap(options, mocap, stream, out, record=record, told=_say)
+        finally:
+            stream.close()
+    if as_json:
+        typer.echo(json.dumps(result.summary, indent=2, allow_nan=False))
+    else:
+        Console().print(_panel(result))
+
+
+def _open_page(port: str, host: str, side: str, place: str | None, certificate: Path | None, key: Path | None) -> XrServer:
+    if port and not (port.isascii() and port.isdigit() and int(port) <= 65535):
+        raise InvalidValueError("--mocap", "webxr or webxr:PORT", f"webxr:{port}", f"port {PORT} is the default")
+    page = XrServer(
+        int(port or PORT),
+        host=host,
+        side=side,  # type: ignore[arg-type]  # checked by MocapOptions.check
+        placement=None if place is None else Placement.parse(place),
+        certificate=certificate,
+        key=key,
+    )
+    _say(f"open {page.url} in the headset's browser; Ctrl-C ends it")
+    if host not in LOCAL:
+        _say(f"open to the network ({host}): whoever reaches this port can drive the hand")
+        if certificate is None:
+            _say("browsers give hands to https pages and to localhost only: add --certificate, see docs/webxr.md")
+    return page
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def _panel(result: MocapResult) -> Panel:
+    s = result.summary
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(style="dim", min_width=16)
+    table.add_column()
+    table.add_row("object", f"{escape(s['object'])}, {s['object_mass_kg']:.3g} kg, friction {s['friction']:.2g}")
+    table.add_row("hand", f"{s['hand']}, coupling {s['coupling']}: {', '.join(s['fingers']) or 'never seen'}")
+    if s["fingers"]:
+        peaks = "  ".join(f"{name} {force:.2f}" for name, force in zip(s["fingers"], s["peak_force_n"], strict=True))
+        table.add_row("pressed", f"{peaks} N at most")
+        moved = f"lifted {1e3 * s['lifted_m']:.0f} mm, turned {57.29578 * s['turned_rad']:.0f} degrees, carried {s['carried_s']:.1f} s"
+        table.add_row("moved", moved)
+    if s.get("place_error_m") is not None:
+        table.add_row("put down", f"{1e3 * s['place_error_m']:.1f} mm from where the hand put it")
+    if s.get("packet_to_step_ms"):
+        waits, late = s["packet_to_step_ms"], s["step_lateness_ms"]
+        table.add_row(
+            "packet to step", f"{waits['median']:.2f} ms median, {waits['p99']:.2f} ms p99; steps {late['p99']:.2f} ms late at p99"
+        )
+    if s["steps"]:
+        behind = f", {s['slipped_s']:.2g} s behind the clock" if s.get("slipped_s") else ""
+        table.add_row("step", f"{s['step_ms_median']:.3f} ms median, {s['step_ms_p99']:.3f} ms p99, {s['steps']} steps{behind}")
+    stream: dict[str, Any] = s["stream"]
+    table.add_row("stream", f"{stream['packets']} packets, {stream['lost']} lost, {stream['malformed']} refused")
+    notes = [f"[yellow]note[/yellow] {escape(note)}" for note in s["warnings"]]
+    verdict = (
+        "[bold green]held[/bold green]" if s["held"] else "[bold red]dropped[/bold red]" if s["dropped"] else "[bold]not lifted[/bold]"
+    )
+    where = f"[dim]summary and recording in[/dim] {escape(str(result.summary_file.parent))}"
+    colour = "green" if s["held"] else "red" if s["dropped"] else "yellow"
+    return Panel(Group(verdict, "", table, "", *notes, where), title="grasp", title_align="left", border_style=colour, expand=False)
+
+
+__all__ = ["grasp_mocap"]

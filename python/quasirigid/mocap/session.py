@@ -1,0 +1,365 @@
+"""A person's tracked hand takes an object: ``quasirigid grasp --mocap``.
+
+Every step asks the tracking filter where the hand is at this moment, aims the springs there, and goes on; now and then somebody looks at what has
+become of the object (``OBSERVED`` times a second): the recording, the outcome, the feedback to the person.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from quasirigid._quasirigid import Calibration, HandDecoder, HandFrame, HandTargets, HandTracker, Material, StepReport, Surface, __version__
+from quasirigid.errors import InvalidValueError
+from quasirigid.grasp import GRAVITY, Stage
+from quasirigid.grasp_columns import contact_sums
+from quasirigid.grasp_options import GraspOptions
+from quasirigid.mocap.coupling import PALM, Coupling, HandCoupling, Springs, TipCoupling
+from quasirigid.mocap.outcome import Outcome
+from quasirigid.mocap.pace import Pace
+from quasirigid.mocap.stream import Source
+from quasirigid.recording import Column
+from quasirigid.scene_recording import SceneRecorder
+from quasirigid.view.play import MAT, PEDESTAL, SOLVER_BUDGET
+from quasirigid.view.scene import SceneModel, SceneState
+from quasirigid.view.world_scene import WorldScene
+
+FloatArray = npt.NDArray[np.float64]
+OBSERVED = 100.0
+"""Times per second of simulated time that the session is looked at: recording, outcome, feedback."""
+DEFORMATION_RATE = 20.0
+"""Times per second that the surfaces are recorded."""
+SETTLE = 0.2
+"""How long the hand is watched before the session begins, s: by then the filter knows the stream."""
+LATECOMERS = 2.0
+"""Fingers that are not seen so long after the first are left out, s."""
+
+
+@dataclass(frozen=True)
+class MocapOptions:
+    """How a tracked hand is coupled."""
+
+    side: Literal["left", "right"] = "right"
+    coupling: Literal["tips", "hand"] = "tips"
+    calibration: Calibration | None = None
+    bodies: str | None = None
+    """Bodies on the fingers in place of fingertracking, as of ``HandDecoder``."""
+    springs: Springs = field(default_factory=Springs)
+    """Of the coupling ``tips``; the whole hand has those of its joint controllers."""
+    delay: float | None = None
+    """As of ``HandTracker``, s."""
+    idle: float = 3.0
+    """The session ends when nothing has come for so long, s."""
+
+    def check(self) -> None:
+        """Refuse what cannot be. Raises ``InvalidValueError``."""
+        for name, value, known in (("--hand", self.side, ("left", "right")), ("--coupling", self.coupling, ("tips", "hand"))):
+            if value not in known:
+                raise InvalidValueError(name, " or ".join(known), value, "choose one of them")
+        if not (math.isfinite(self.idle) and self.idle > 0.0):
+            raise InvalidValueError("--idle", "a finite number > 0 (s)", self.idle, "3 is the default")
+        self.springs.check()
+
+
+@dataclass(frozen=True)
+class Look:
+    """What is seen of a session now and then. Rows are the simulated fingers."""
+
+    time: float
+    """Simulated, s."""
+    fingers: tuple[str, ...]
+    rows: tuple[int, ...]
+    """Their rows in hand arrays."""
+    force: FloatArray
+    """(fingers, 3) N, world: of the object on each finger."""
+    pressing: FloatArray
+    """(fingers,) N: sum of the normal reactions on the object."""
+    slipping: FloatArray
+    """(fingers,) 0 to 1: share of the pressing force whose contacts slip."""
+    phase: str
+
+
+Observer = Callable[[Look], None]
+
+
+class Viewer(Protocol):
+    """Somebody who shows the session while it runs."""
+
+    def begin(self, model: SceneModel) -> None:
+        """Show this scene from now on."""
+
+    def wants_state(self) -> bool:
+        """Whether it is time for a state."""
+
+    def draw(self, state: SceneState) -> None:
+        """Show this state."""
+
+
+class MocapSession:
+    """The scene of ``quasirigid grasp`` on its support, and the hand that ``source`` tells of."""
+
+    def __init__(self, options: GraspOptions, mocap: MocapOptions, source: Source, viewer: Viewer | None = None) -> None:
+        """Build the scene, and show it to ``viewer``. Raises the errors of ``quasirigid.errors``."""
+        mocap.check()
+        self.options, self.mocap, self.source, self.viewer = options, mocap, source, viewer
+        self.stage = Stage.build(options, pedestal=PEDESTAL, time_budget=SOLVER_BUDGET if source.paced else None)
+        self.world, self.object = self.stage.world, self.stage.object
+        # As in the live view: soft things to stand and to fall on.
+        soft = Material.preset("silicone")
+        self.stage.support.material = soft
+        floor = -PEDESTAL[2] if self.stage.taken.flat else -1e-3
+        self.mat = self.world.add_body(Surface.half_space(MAT, points=2_500), soft, motion="fixed", position=(0.0, 0.0, floor), name="mat")
+        self._decoder = HandDecoder(mocap.side, bodies=mocap.bodies)
+        self._tracker = HandTracker(mocap.side, calibration=mocap.calibration, delay=mocap.delay)
+        self._last_arrival = source.now()
+        self._every = max(1, round(1.0 / (OBSERVED * options.dt)))
+        self.coupling: Coupling | None = None
+        self.pace: Pace | None = None
+        self.outcome: Outcome | None = None
+        self.observers: list[Observer] = []
+        self.step_times: list[float] = []
+        self.unconverged = 0
+        self._show(WorldScene(self.world))
+
+    def _show(self, scene: WorldScene) -> None:
+        self.scene = scene
+        if self.viewer is not None:
+            self.viewer.begin(scene.model)
+            self.viewer.draw(scene.state(phase="waiting for the hand"))
+
+    # What comes in.
+
+    def _listen(self) -> list[float]:
+        """Give the filter what has come. Returns the arrivals, s."""
+        arrivals = []
+        for packet in self.source.take():
+            self._last_arrival = packet.arrival
+            frame = packet if isinstance(packet, HandFrame) else self._decoder.decode(packet)
+            if frame is not None:
+                self._tracker.push(frame)
+                arrivals.append(packet.arrival)
+        return arrivals
+
+    def _over(self) -> bool:
+        """Whether the stream has ended: nothing for ``idle`` s."""
+        return self.source.now() - self._last_arrival > self.mocap.idle
+
+    def wait_for_hand(self) -> bool:
+        """Wait until the tracker sees the hand, and couple it. False if the source ended before."""
+        seen_at: float | None = None
+        while True:
+            self._listen()
+            now = self.source.now()
+            targets = self._tracker.sample(now)
+            if targets is not None:
+                seen = _seen(targets)
+                seen_at = now if seen_at is None and seen.any() else seen_at
+                wanted = seen[[0, 1, 2, PALM]] if self.mocap.coupling == "hand" else seen[:3]
+                enough = wanted.all() or (
+                    self.mocap.coupling == "tips" and seen_at is not None and now - seen_at > LATECOMERS and seen[:5].any()
+                )
+                if enough and seen_at is not None and now - seen_at > SETTLE:
+                    self._couple(targets)
+                    return True
+            if self.source.ended():
+                return False
+            self.source.wait_until(now + 0.005)
+
+    def _couple(self, targets: HandTargets) -> None:
+        pad, side = self.stage.pad, self.mocap.side
+        if self.mocap.coupling == "hand":
+            self.coupling = HandCoupling(self.world, targets, pad, side=side)
+        else:
+            self.coupling = TipCoupling(self.world, targets, pad, self.mocap.springs)
+        pads, hands = self.coupling.pads, self.coupling.hands
+        self._show(WorldScene(self.world, [self.object, self.stage.support, self.mat, *pads], hands, pads))
+        self._finger_of = {place: finger for finger, place in enumerate(self.scene.model.fingertips())}
+        self.outcome = Outcome(self._object_pose(), self.coupling.fingers)
+
+    def _object_pose(self) -> FloatArray:
+        return np.concatenate([self.object.position, self.object.quaternion])
+
+    # The loop.
+
+    def run(self, recorder: SceneRecorder | None = None) -> None:
+        """Step until the stream has ended. Call ``wait_for_hand`` before."""
+        if self.coupling is None:
+            raise InvalidValueError("session", "a hand that was seen", "none yet", "call wait_for_hand first")
+        self.pace = Pace(self.source, self.options.dt)
+        step = 0
+        while not self._over():
+            due = self.pace.wait()
+            self.pace.begin(self._listen())
+            targets = self._tracker.sample(due)
+            assert targets is not None  # a hand was seen
+            self.coupling.follow(targets, self.pace.rate)
+            report = self.world.step()
+            self.step_times.append(report.step_time)
+            self.unconverged += not report.converged
+            if step % self._every == 0:
+                self._observe(report, targets, recorder)
+            step += 1
+
+    def _observe(self, report: StepReport, targets: HandTargets, recorder: SceneRecorder | None) -> None:
+        assert self.coupling is not None
+        assert self.outcome is not None
+        shown = self.viewer is not None and self.viewer.wants_state()
+        wants = recorder is not None and recorder.wants_deformation
+        state = self.scene.state(report, self.outcome.phase, moved=wants or shown)
+        if self.viewer is not None and shown:
+            self.viewer.draw(state)
+        sums = contact_sums(state.contacts, 0, self._finger_of, len(self.coupling.fingers))
+        support = _between(state, 0, 1) + _between(state, 0, 2)
+        self.outcome.update(state.time, self._object_pose(), sums["hand/normal_force"], support, _guide(targets))
+        if recorder is not None:
+            rows = list(self.coupling.rows)
+            row = {"object/pose": self._object_pose(), "tracker/position": targets.positions[rows], "tracker/weight": targets.weights[rows]}
+            own = ("hand/force_on_object", "hand/normal_force", "hand/tangential_force", "hand/contacts")
+            recorder.append(state, row | {name: sums[name] for name in own}, report)
+        if self.observers:
+            look = Look(
+                time=state.time,
+                fingers=self.coupling.fingers,
+                rows=self.coupling.rows,
+                force=-sums["hand/force_on_object"],
+                pressing=sums["hand/normal_force"],
+                slipping=_slipping(state, self._finger_of, len(self.coupling.fingers)),
+                phase=self.outcome.phase,
+            )
+            for observer in self.observers:
+                observer(look)
+
+    def recorder(self, path: Path) -> SceneRecorder:
+        """A recorder for ``run``, which writes to ``path``."""
+        assert self.coupling is not None
+        F, fingers = len(self.coupling.fingers), self.coupling.fingers
+        joints = self.coupling.hands[0].joint_positions.shape if self.coupling.hands else (0, 0)
+        own = [
+            Column("object/pose", (7,), unit="m, 1", frame="world", what="x y z of the body frame, quaternion w x y z"),
+            Column("tracker/position", (F, 3), unit="m", frame="world", what="centre of the tracked tips", labels=fingers),
+            Column("tracker/weight", (F,), unit="1", what="of the spring to it", labels=fingers),
+            Column("hand/force_on_object", (F, 3), unit="N", frame="world", what="sum over the contacts of a finger", labels=fingers),
+            Column("hand/normal_force", (F,), unit="N", frame="contact", what="sum of the normal reactions of a finger", labels=fingers),
+            Column("hand/tangential_force", (F,), unit="N", what="length of the summed friction of a finger", labels=fingers),
+            Column("hand/contacts", (F,), "i4", what="loaded contacts of a finger with the object", labels=fingers),
+        ]
+        chosen = {key: "" if value is None else str(value) for key, value in asdict(self.options).items()}
+        attributes = {
+            "options": json.dumps(chosen),
+            "object": self.stage.taken.name,
+            "object_mass_kg": self.stage.taken.mass.mass,
+            "gravity_m_per_s2": GRAVITY,
+            "friction": self.stage.friction,
+            "coupling": self.mocap.coupling,
+        }
+        # The recorder counts rows, of which there are fewer than steps.
+        rate = min(DEFORMATION_RATE * self._every, 1.0 / self.options.dt)
+        return SceneRecorder(path, self.scene.model, (joints[0], joints[1]), columns=own, attributes=attributes, deformation_rate=rate)
+
+    def summary(self) -> dict[str, Any]:
+        """Every figure of the session."""
+        steps = len(self.step_times)
+        ms = 1e3 * np.array(self.step_times)
+        stream = self.source.statistics()
+        return {
+            "object": self.stage.taken.name,
+            "object_mass_kg": self.stage.taken.mass.mass,
+            "friction": self.stage.friction,
+            "coupling": self.mocap.coupling,
+            "hand": self.mocap.side,
+            **(self.outcome.summary() if self.outcome is not None else {"held": False, "dropped": False, "phases": [], "fingers": []}),
+            "steps": steps,
+            "dt_s": self.options.dt,
+            "step_ms_median": float(np.median(ms)) if steps else None,
+            "step_ms_p99": float(np.percentile(ms, 99)) if steps else None,
+            "unconverged_steps": self.unconverged,
+            **(self.pace.summary() if self.pace is not None and self.source.paced else {}),
+            "filter_delay_s": self._tracker.delay,
+            "stream": {key: value for key, value in stream.items() if value is None or isinstance(value, (int, float, str))},
+            "warnings": list(self.stage.taken.warnings),
+            "state_hash": f"{self.world.state_hash():016x}",
+            "version": __version__,
+        }
+
+
+def _seen(targets: HandTargets) -> npt.NDArray[np.bool_]:
+    """Which rows were ever seen, (6,)."""
+    return np.asarray(np.isfinite(targets.positions).all(axis=1))
+
+
+def _guide(targets: HandTargets) -> FloatArray:
+    """Where the tracked hand is, (7,): the palm, or the middle of thumb and first finger where there is no palm."""
+    row = PALM if np.isfinite(targets.positions[PALM]).all() else int(_seen(targets).argmax())
+    return np.concatenate([targets.positions[row], targets.quaternions[row]])
+
+
+def _between(state: SceneState, a: int, b: int) -> float:
+    """Sum of the normal reactions between two bodies of the scene, N."""
+    c = state.contacts
+    both = ((c.body_a == a) & (c.body_b == b)) | ((c.body_a == b) & (c.body_b == a))
+    return float(c.reactions[both, 0].sum())
+
+
+def _slipping(state: SceneState, finger_of: dict[int, int], fingers: int) -> FloatArray:
+    """Share of each finger's pressing force whose contacts slip, (fingers,)."""
+    c = state.contacts
+    shares: FloatArray = np.zeros(fingers)
+    for place, finger in finger_of.items():
+        mine = (c.body_a == place) | (c.body_b == place)
+        press = c.reactions[mine, 0]
+        total = float(press.sum())
+        shares[finger] = float(press[c.status[mine] == 2].sum()) / total if total > 0.0 else 0.0
+    return shares
+
+
+@dataclass(frozen=True)
+class MocapResult:
+    """What a session left behind."""
+
+    summary: dict[str, Any]
+    summary_file: Path
+    recording: Path | None
+
+
+def run_mocap(
+    options: GraspOptions,
+    mocap: MocapOptions,
+    source: Source,
+    out: Path,
+    *,
+    record: Path | None = None,
+    observers: tuple[Observer, ...] = (),
+    viewer: Viewer | None = None,
+    told: Callable[[str], None] | None = None,
+) -> MocapResult:
+    """Run a session until its stream has ended or Ctrl-C, and leave ``summary.json`` and ``recording.h5`` in the directory ``out``.
+
+    ``told`` is called with what goes on. Raises the errors of ``quasirigid.errors``.
+    """
+    session = MocapSession(options, mocap, source, viewer)
+    session.observers += observers
+    out.mkdir(parents=True, exist_ok=True)
+    path: Path | None = None
+    say = told or (lambda _: None)
+    interrupted = False
+    try:
+        say("waiting for the hand")
+        if session.wait_for_hand():
+            assert session.coupling is not None
+            say(f"the hand is there: {', '.join(session.coupling.fingers)}")
+            path = out / "recording.h5" if record is None else record
+            with session.recorder(path) as recorder:
+                session.run(recorder)
+    except KeyboardInterrupt:
+        interrupted = True  # a way to end it
+    summary = {**session.summary(), "interrupted": interrupted}
+    file = out / "summary.json"
+    file.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n")
+    return MocapResult(summary, file, path)

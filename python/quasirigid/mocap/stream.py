@@ -1,0 +1,128 @@
+"""Where the hands of a session come from: a tracker on the network, or a take played in simulated time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from quasirigid._quasirigid import HandFrame, Packet, Receiver, Take
+from quasirigid.errors import InvalidValueError
+from quasirigid.mocap import shipped_take
+
+DTRACK_PORT = "5000"
+NAMES = "dtrack, dtrack:PORT, dtrack:HOST:PORT:fw, webxr, webxr:PORT, take or take:FILE"
+
+
+class Source(Protocol):
+    """Packets, or hands that need no decoding, with their arrivals, on one clock."""
+
+    paced: bool
+    """Whether its clock runs by itself; otherwise it is where ``wait_until`` has put it."""
+
+    def now(self) -> float:
+        """Its clock, s."""
+
+    def wait_until(self, moment: float) -> None:
+        """Return at this moment, or at once if it has passed."""
+
+    def take(self) -> Sequence[Packet | HandFrame]:
+        """What has arrived since the last call."""
+
+    def ended(self) -> bool:
+        """Whether nothing will ever come any more, for certain."""
+
+    def statistics(self) -> dict[str, Any]:
+        """As of ``Receiver.statistics``."""
+
+    def close(self) -> None:
+        """Let go of the network."""
+
+
+class NetworkSource:
+    """DTrack over UDP."""
+
+    paced = True
+
+    def __init__(self, connection: str = DTRACK_PORT, *, bind: str = "0.0.0.0") -> None:
+        """``connection`` and ``bind`` as of ``Receiver``. Raises ``InvalidValueError`` or ``NetworkError``."""
+        self._receiver = Receiver(connection, bind=bind)
+        self.address = self._receiver.address
+
+    def now(self) -> float:
+        """Seconds since it was opened."""
+        return self._receiver.now()
+
+    def wait_until(self, moment: float) -> None:
+        """Sleep until this moment."""
+        left = moment - self._receiver.now()
+        if left > 0.0:
+            time.sleep(left)
+
+    def take(self) -> Sequence[Packet]:
+        """What has arrived since the last call."""
+        return self._receiver.take()
+
+    def ended(self) -> bool:
+        """Never for certain."""
+        return False
+
+    def statistics(self) -> dict[str, Any]:
+        """As of ``Receiver.statistics``."""
+        return self._receiver.statistics()
+
+    def close(self) -> None:
+        """Close the port."""
+        self._receiver.close()
+
+
+class TakeSource:
+    """A take in simulated time, as fast as the computer goes: the same every time."""
+
+    paced = False
+
+    def __init__(self, take: Take) -> None:
+        self._take = take
+        self._packets = take.packets
+        self._next = 0
+        self._now = self._packets[0].arrival if self._packets else 0.0
+
+    def now(self) -> float:
+        """Where ``wait_until`` has put it."""
+        return self._now
+
+    def wait_until(self, moment: float) -> None:
+        """Put the clock there."""
+        self._now = max(self._now, moment)
+
+    def take(self) -> Sequence[Packet]:
+        """What has arrived since the last call."""
+        first = self._next
+        while self._next < len(self._packets) and self._packets[self._next].arrival <= self._now:
+            self._next += 1
+        return self._packets[first : self._next]
+
+    def ended(self) -> bool:
+        """Whether the last packet was taken."""
+        return self._next == len(self._packets)
+
+    def statistics(self) -> dict[str, Any]:
+        """As of ``Take.statistics``."""
+        return self._take.statistics()
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+def open_source(text: str, *, bind: str = "0.0.0.0") -> Source:
+    """The source that ``--mocap`` names: ``dtrack[:CONNECTION]`` or ``take[:FILE]``.
+
+    Raises ``InvalidValueError`` for anything else, ``NetworkError`` or ``CaptureFileError`` where it cannot be opened.
+    """
+    kind, _, rest = text.partition(":")
+    if kind == "dtrack":
+        return NetworkSource(rest or DTRACK_PORT, bind=bind)
+    if kind == "take":
+        return TakeSource(Take.read(Path(rest)) if rest else shipped_take())
+    raise InvalidValueError("--mocap", NAMES, text, "`--mocap dtrack` listens on UDP port 5000")

@@ -1,0 +1,10 @@
+"""Hands from a WebXR device: a page that streams their joints and shows the scene, and the server behind it.
+
+``docs/webxr.md`` goes through it step by step.
+"""
+
+from quasirigid.webxr.joints import JOINTS, hand_frame
+from quasirigid.webxr.placement import Placement
+from quasirigid.webxr.server import PORT, XrServer
+
+__all__ = ["JOINTS", "PORT", "Placement", "XrServer", "hand_frame"]

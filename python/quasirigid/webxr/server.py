@@ -1,0 +1,311 @@
+"""The server: hands the page out, takes hands in, sends the scene. It runs in a thread of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import ssl
+import threading
+import time
+from collections.abc import Sequence
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from quasirigid._quasirigid import HandFrame
+from quasirigid.errors import InvalidValueError, NetworkError, PacketError
+from quasirigid.view.scene import SceneModel, SceneState
+from quasirigid.webxr.joints import JOINTS, Side, hand_frame
+from quasirigid.webxr.messages import HANDS_SIZE, TEXT_LIMIT, model_message, read_hands, read_recentre, state_message
+from quasirigid.webxr.pages import HEADERS, LOCAL, named_locally, page_files, same_origin
+from quasirigid.webxr.placement import Placement
+
+PORT = 8082
+STATES = 40.0
+"""States sent per second, at most."""
+CLIENTS = 8
+"""Pages that may be open at the same time."""
+WAITING = 2_000
+"""Frames that wait to be taken, at most; the oldest go first."""
+LOST = np.full((len(JOINTS), 8), np.nan)
+
+
+class XrServer:
+    """A source of hands (``quasirigid.mocap.stream.Source``) and a viewer. Methods may be called from any thread.
+
+    The first page that sends hands is the one that is listened to, until it goes. Poses come out in the world, by the placement.
+    """
+
+    paced = True
+
+    def __init__(
+        self,
+        port: int = PORT,
+        *,
+        host: str = "127.0.0.1",
+        side: Side = "right",
+        placement: Placement | None = None,
+        certificate: Path | None = None,
+        key: Path | None = None,
+    ) -> None:
+        """Listen on ``port`` (0: any free one) of the address ``host``, with TLS if there is a ``certificate`` (PEM; ``key`` if it is not in there).
+
+        Raises ``InvalidValueError`` for a port, side or certificate that is none, ``NetworkError`` for a port in use.
+        """
+        if side not in ("left", "right"):
+            raise InvalidValueError("hand", "left or right", side, "choose one of them")
+        if not 0 <= port <= 65535:
+            raise InvalidValueError("port", "0 to 65535", port, f"{PORT} is the default")
+        self._side: Side = side
+        self._placement = placement or Placement()
+        self._host, self._files = host, page_files()
+        self._begin = time.monotonic()
+        self._lock = threading.Lock()
+        self._frames: list[HandFrame] = []
+        self._counts = dict.fromkeys(("packets", "malformed", "refused", "lost", "recentred", "connections"), 0)
+        self._clients: dict[ServerConnection, asyncio.Event] = {}
+        self._writer: ServerConnection | None = None
+        self._shift = self._last = 0.0
+        self._model: bytes | None = None
+        self._state: bytes | None = None
+        self._drawn = float("-inf")
+        self._tls = None if certificate is None else _context(certificate, key)
+        self._loop = asyncio.new_event_loop()
+        self._ended = asyncio.Event()
+        ready: Future[tuple[str, int]] = Future()
+        self._thread = threading.Thread(target=self._run, args=(port, ready), name="quasirigid-webxr", daemon=True)
+        self._thread.start()
+        try:
+            self.address = ready.result()
+        except OSError as error:
+            self._thread.join()
+            raise NetworkError(f"port {port} of {host}", "one that is free", error.strerror or str(error), "choose another port") from None
+
+    # What a session asks for: a source of hands.
+
+    def now(self) -> float:
+        """Seconds since it was opened."""
+        return time.monotonic() - self._begin
+
+    def wait_until(self, moment: float) -> None:
+        """Sleep until this moment."""
+        left = moment - self.now()
+        if left > 0.0:
+            time.sleep(left)
+
+    def take(self) -> Sequence[HandFrame]:
+        """The frames of the chosen hand that have arrived since the last call, world."""
+        with self._lock:
+            frames, self._frames = self._frames, []
+        return frames
+
+    def ended(self) -> bool:
+        """Never for certain."""
+        return False
+
+    def statistics(self) -> dict[str, Any]:
+        """Messages: ``packets`` with hands, ``malformed`` ones, those ``refused`` since another page is listened to, ``lost`` for want of takers."""
+        with self._lock:
+            return dict(self._counts)
+
+    def close(self) -> None:
+        """Close all connections and the port."""
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._ended.set)
+            self._thread.join(timeout=10.0)
+
+    def __enter__(self) -> XrServer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # What a session tells: a viewer.
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        host, port = self.address
+        shown = "localhost" if host in (*LOCAL, "0.0.0.0", "::") else host
+        return f"{'http' if self._tls is None else 'https'}://{shown}:{port}"
+
+    @property
+    def placement(self) -> Placement:
+        """Where the world stands in the room now."""
+        with self._lock:
+            return self._placement
+
+    def begin(self, model: SceneModel) -> None:
+        """Show this scene from now on."""
+        message = model_message(model)
+        with self._lock:
+            self._model, self._state, self._drawn = message, None, float("-inf")
+        self._wake()
+
+    def wants_state(self) -> bool:
+        """Whether somebody looks and the last state is old enough."""
+        return bool(self._clients) and time.monotonic() - self._drawn >= 1.0 / STATES
+
+    def draw(self, state: SceneState) -> None:
+        """Show this state; a page that is slow gets the newest one when it is ready."""
+        message = state_message(state)
+        with self._lock:
+            self._state, self._drawn = message, time.monotonic()
+        self._wake()
+
+    def _wake(self) -> None:
+        def wake() -> None:
+            for news in self._clients.values():
+                news.set()
+
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(wake)
+
+    # The thread.
+
+    def _run(self, port: int, ready: Future[tuple[str, int]]) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_until_complete(self._serve(port, ready))
+        except OSError as error:
+            ready.set_exception(error)
+        finally:
+            self._loop.close()
+
+    async def _serve(self, port: int, ready: Future[tuple[str, int]]) -> None:
+        quiet = logging.getLogger("quasirigid.webxr")
+        quiet.setLevel(logging.CRITICAL)  # browsers that go away in the middle of a message are no news
+        server: Server
+        async with serve(
+            self._talk,
+            self._host,
+            port,
+            process_request=self._answer,
+            max_size=max(HANDS_SIZE, TEXT_LIMIT),
+            max_queue=64,
+            compression=None,
+            ssl=self._tls,
+            logger=quiet,
+            open_timeout=10.0,
+            close_timeout=1.0,
+        ) as server:
+            host, bound = server.sockets[0].getsockname()[:2]
+            ready.set_result((str(host), int(bound)))
+            await self._ended.wait()
+
+    def _answer(self, _: ServerConnection, request: Request) -> Response | None:
+        """A page for who asks for one, ``None`` for a websocket that may be opened."""
+        host = request.headers.get("Host")
+        if self._host in LOCAL and not named_locally(host):
+            return _response(403, "Forbidden", "text/plain", b"this server answers to localhost\n")
+        path = request.path.split("?")[0]
+        if path != "/socket":
+            kind, content = self._files.get(path, ("text/plain", b""))
+            return _response(200, "OK", kind, content) if content else _response(404, "Not Found", "text/plain", b"no such page\n")
+        if not same_origin(host, request.headers.get("Origin")):
+            return _response(403, "Forbidden", "text/plain", b"only the page of this server may connect\n")
+        if len(self._clients) >= CLIENTS:
+            return _response(503, "Service Unavailable", "text/plain", b"too many pages are open\n")
+        return None
+
+    async def _talk(self, connection: ServerConnection) -> None:
+        news = asyncio.Event()
+        news.set()
+        self._clients[connection] = news
+        with self._lock:
+            self._counts["connections"] += 1
+        sender = asyncio.create_task(self._send(connection, news))
+        try:
+            async for message in connection:
+                await self._hear(connection, message)
+        except ConnectionClosed:
+            pass
+        finally:
+            sender.cancel()
+            del self._clients[connection]
+            if self._writer is connection:
+                self._writer = None
+                self._frame(LOST, self._last + 1e-3)
+
+    async def _hear(self, connection: ServerConnection, message: str | bytes) -> None:
+        try:
+            if isinstance(message, str):
+                if len(message) > TEXT_LIMIT:
+                    raise PacketError("text of a page", f"{TEXT_LIMIT} characters", len(message), "is it our page?")
+                placement = Placement.before(*read_recentre(message))
+                if self._writer in (None, connection):
+                    self._recentre(placement)
+                return
+            moment, hands = read_hands(message)
+        except (PacketError, InvalidValueError):
+            self._count("malformed")
+            return
+        if self._writer is None:
+            # The clock of another page began elsewhere; the tracker's must go on.
+            self._writer, self._shift = connection, self.now() - moment
+            await connection.send(json.dumps({"type": "writer", "yours": True}))
+        if self._writer is not connection:
+            self._count("refused")
+            return
+        self._count("packets")
+        self._last = moment + self._shift
+        self._frame(hands.get(self._side, LOST), self._last)
+
+    def _count(self, what: str) -> None:
+        with self._lock:
+            self._counts[what] += 1
+
+    def _frame(self, joints: Any, moment: float) -> None:
+        frame = hand_frame(self._side, joints, time=moment, arrival=self.now())
+        with self._lock:
+            self._frames.append(frame.transformed(self._placement.calibration()))
+            if len(self._frames) > WAITING:
+                del self._frames[0]
+                self._counts["lost"] += 1
+
+    def _recentre(self, placement: Placement) -> None:
+        with self._lock:
+            self._placement = placement
+            self._counts["recentred"] += 1
+        # The hand jumps with respect to the world. A frame without it makes the filter glide over.
+        if self._writer is not None:
+            self._frame(LOST, self._last + 1e-6)
+        for news in self._clients.values():
+            news.set()
+
+    async def _send(self, connection: ServerConnection, news: asyncio.Event) -> None:
+        """Whatever this page does not know yet, the newest of each kind."""
+        known: list[object] = [None, None, None]
+        await connection.send(json.dumps({"type": "hello", "hand": self._side, "size": HANDS_SIZE}))
+        while True:
+            await news.wait()
+            news.clear()
+            with self._lock:
+                newest: list[Any] = [self._placement, self._model, self._state]
+            for i, item in enumerate(newest):
+                if item is not known[i] and item is not None:
+                    await connection.send(json.dumps(item.message()) if isinstance(item, Placement) else item)
+                known[i] = item
+
+
+def _response(status: int, phrase: str, kind: str, content: bytes) -> Response:
+    headers = Headers(HEADERS)
+    headers["Content-Type"], headers["Content-Length"], headers["Connection"] = kind, str(len(content)), "close"
+    return Response(status, phrase, headers, content)
+
+
+def _context(certificate: Path, key: Path | None) -> ssl.SSLContext:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    try:
+        context.load_cert_chain(certificate, key)
+    except (OSError, ssl.SSLError) as error:
+        hint = "docs/webxr.md shows how to make one with openssl"
+        raise InvalidValueError("certificate", "a PEM file with a certificate and its key", f"{certificate}: {error}", hint) from None
+    return context

@@ -1,0 +1,166 @@
+"""A tracked hand takes the box: over a real socket, and from the take in simulated time."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+import threading
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quasirigid import mocap
+from quasirigid.cli import main
+from quasirigid.grasp_options import GraspOptions
+from quasirigid.mocap.pace import CATCH_UP, SLACK, Pace
+from quasirigid.mocap.session import MocapOptions, run_mocap
+from quasirigid.mocap.stream import TakeSource
+
+COARSE = GraspOptions(points=6000, dt=0.004)
+"""A step that a busy machine can do in time."""
+TURN = math.radians(30.0)
+
+
+class Clock:
+    """A clock that goes on only when it is told to: all that ``Pace`` asks of a source."""
+
+    time = 0.0
+
+    def now(self) -> float:
+        return self.time
+
+    def wait_until(self, moment: float) -> None:
+        self.time = max(self.time, moment)
+
+
+def check_bar(summary: dict[str, object]) -> None:
+    """Lifted 10 cm, turned by 30 degrees, put down within 5 mm of where the hand put it; never dropped."""
+    assert summary["held"], summary
+    assert not summary["dropped"], summary
+    assert summary["put_down"], summary
+    pose = np.array(summary["final_pose"])
+    lifted, place = summary["lifted_m"], summary["place_error_m"]
+    assert isinstance(lifted, float)
+    assert isinstance(place, float)
+    assert 0.095 < lifted < 0.105, f"lifted by {1e3 * lifted:.1f} mm"
+    assert place < 0.005, f"put down {1e3 * place:.2f} mm from where the hand put it"
+    # The take ends where it began, turned: the box stood at (0, 0, 0.04).
+    assert np.linalg.norm(pose[:3] - [0.0, 0.0, 0.04]) < 0.005, pose[:3]
+    turn = 2.0 * math.atan2(pose[6], pose[3])
+    assert abs(turn - TURN) < math.radians(3.0), f"turned by {math.degrees(turn):.2f} degrees"
+
+
+@pytest.mark.parametrize("coupling", ["tips", "hand"])
+def test_the_shipped_take_moves_the_box(coupling: str, tmp_path: Path) -> None:
+    result = run_mocap(COARSE, MocapOptions(coupling=coupling, idle=0.8), TakeSource(mocap.shipped_take()), tmp_path)  # type: ignore[arg-type]
+    check_bar(result.summary)
+    assert result.recording is not None
+    assert result.recording.exists()
+
+
+def test_the_replayed_take_moves_the_box_over_a_socket(tmp_path: Path) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "quasirigid.cli",
+        "grasp",
+        "--mocap",
+        "dtrack:0",
+        "--bind",
+        "127.0.0.1",
+        "--points",
+        "6000",
+        "--dt",
+        "0.004",
+    ]
+    command += ["--idle", "2", "--json", "--out", str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as session:
+        watchdog = threading.Timer(100.0, session.kill)
+        watchdog.start()
+        try:
+            assert session.stderr is not None
+            listening = session.stderr.readline()
+            port = listening.split("127.0.0.1:")[1].split(";")[0]
+            assert "waiting" in session.stderr.readline()
+            assert main(["mocap", "replay", "--to", f"127.0.0.1:{port}", "--source-port", "0"]) == 0
+            out, err = session.communicate()
+        finally:
+            watchdog.cancel()
+            session.kill()
+    assert session.returncode == 0, err
+    summary = json.loads(out)
+    check_bar(summary)
+    # A packet waits for the next step that is due after it, and as long as that step is late itself: on a busy machine that is its own doing.
+    waits, late = summary["packet_to_step_ms"], summary["step_lateness_ms"]
+    rate = 1.0 + max(0.0, 1e-3 * late["max"] - SLACK) / CATCH_UP
+    assert waits["p99"] <= rate * 1e3 * summary["dt_s"] + 1.0 + late["max"], (waits, late)
+    print(f"packet to step {waits}, steps late {late}, ms; {summary['slipped_s']:.2f} s behind")
+
+
+def test_a_packet_waits_for_one_step_at_most() -> None:
+    """On a computer that is fast enough: packets at any moment, steps of 1 ms that take 0.6 ms."""
+
+    clock, arrivals = Clock(), deque(np.sort(np.random.default_rng(1).uniform(0.0, 5.0, 1500)).tolist())
+    pace = Pace(clock, 1e-3)  # type: ignore[arg-type]
+    for _ in range(5000):
+        pace.wait()
+        pace.begin([arrivals.popleft() for _ in range(len(arrivals)) if arrivals[0] <= clock.time])
+        clock.time += 6e-4
+    assert len(pace.waits) == 1500
+    assert max(pace.waits) <= 1e-3 + 1e-9, f"{1e3 * max(pace.waits):.3f} ms"
+    assert pace.slipped == 0.0
+
+
+def test_a_slow_computer_shows_the_hand_late_but_never_in_jumps() -> None:
+    """Steps of 1 ms that take 2 ms, and one stop of half a second."""
+
+    clock = Clock()
+    pace = Pace(clock, 1e-3)  # type: ignore[arg-type]
+    shown, behind = [], []
+    for step in range(6000):
+        shown.append(pace.wait())
+        behind.append(clock.time - shown[-1])
+        clock.time += 0.5 if step == 3000 else 2e-3
+    assert np.diff(shown).max() < 5e-3, "a jump"
+    assert abs(behind[-1] - (SLACK + CATCH_UP)) < 0.01, f"{behind[-1]} s behind: twice as fast keeps up with a computer half as fast"
+
+
+def test_an_object_that_nobody_holds_is_said_to_have_been_dropped(tmp_path: Path) -> None:
+    slippery = GraspOptions(points=6000, dt=0.004, friction=0.02)
+    summary = run_mocap(slippery, MocapOptions(idle=0.5), TakeSource(mocap.shipped_take()), tmp_path).summary
+    assert not summary["held"]
+    assert not summary["put_down"] or summary["lifted_m"] < 0.05, summary
+
+
+def test_a_finger_that_is_lost_is_caught_again_where_it_is() -> None:
+    from quasirigid.mocap.coupling import _Offset
+
+    offset = _Offset()
+    stretch = np.array([0.03, 0.0, 0.0]), np.array([0.0, 0.4, 0.0])
+    offset.update(0.0, None, 1e-3)
+    energy, worst = 0.0, 0.0
+    for weight in np.linspace(0.0, 1.0, 101)[1:]:
+        offset.update(float(weight), stretch, 0.0)
+        energy = float(weight * np.sum((stretch[0] + offset.linear) ** 2))
+        worst = max(worst, energy)
+    assert worst < 1e-12, f"the spring holds {worst} of k m^2 that nobody has put in"
+    offset.update(1.0, None, 1.0)
+    assert np.abs(offset.linear).max() < 1e-4
+
+
+def test_command_line_says_what_it_does_not_understand(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    for arguments, word in (
+        (["--mocap", "vicon"], "dtrack"),
+        (["--mocap", f"take:{tmp_path / 'none.take'}"], "none.take"),
+        (["--mocap", "take", "--coupling", "glue"], "tips or hand"),
+        (["--mocap", "take", "--hand", "third"], "left or right"),
+        (["--mocap", "take", "--idle", "-1"], "idle"),
+    ):
+        assert main(["grasp", *arguments, "--out", str(tmp_path)]) == 2
+        said = capsys.readouterr().err
+        assert word in said
+        assert len(said.splitlines()) == 1
