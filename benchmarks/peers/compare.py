@@ -157,13 +157,21 @@ def run_capsule(installed: dict[str, ModuleType], effort: measures.Effort, cases
     return rows
 
 
+def around(page: Path) -> tuple[str, str]:
+    """What stands before and after the tables of a page."""
+    try:
+        text = page.read_text()
+    except OSError as error:
+        raise SystemExit(f"{page} cannot be read: {error.strerror}") from None
+    if START not in text or END not in text:
+        raise SystemExit(f"{page} lacks the markers {START.strip()} and {END.strip()}")
+    head, rest = text.split(START, 1)
+    return head + START, END + rest.split(END, 1)[1]
+
+
 def write(page: Path, text: str) -> None:
     """Puts the tables between the markers of a page."""
-    old = page.read_text()
-    if START not in old or END not in old:
-        raise SystemExit(f"{page} lacks the markers {START.strip()} and {END.strip()}")
-    head, rest = old.split(START, 1)
-    page.write_text(head + START + text + END + rest.split(END, 1)[1])
+    page.write_text(text.join(around(page)))
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -186,6 +194,10 @@ def main(arguments: list[str] | None = None) -> None:
     effort = dataclasses.replace(effort, hold=hold, hold_costly=hold_costly)
     if options.jobs < 1:
         parser.error(f"--jobs must be 1 or more, not {options.jobs}")
+    if options.json and not options.json.parent.is_dir():
+        parser.error(f"--json: there is no folder {options.json.parent}")
+    if options.write:
+        around(options.write)
     installed = load(options.only)
     wanted = [c for c in (QUICK if options.quick else CONFIGURATIONS) if not options.only or c.engine in options.only]
     capsules = [c for c in CAPSULE if (not options.only or c.engine in options.only) and (not options.quick or c.dt == 1e-3)]

@@ -22,8 +22,8 @@ SLIDING = 0.01
 RAMPS = (2.0, 0.3)
 """N/s, of the pull that makes it slip: up to 85 % of what Coulomb allows, and from there on."""
 SLOW_FROM = 0.85
-SPEED_WINDOW, FORCE_WINDOW = 0.02, 0.04
-"""s, over which speed and squeeze are averaged when the box slips."""
+SPEED_WINDOW, FORCE_WINDOW = 0.02, 0.15
+"""s, over which the speed is averaged when the box slips, and the squeeze before that."""
 OFFSETS = (0.003, 0.01)
 """Of the centre of mass from the axis of two pads, m."""
 SHAKE_FORCE, SHAKE_FREQUENCY = 1.0, 5.0
@@ -89,11 +89,11 @@ def hold(simulation: Simulation, dt: float, seconds: float) -> dict[str, Any]:
 def slip(simulation: Simulation, dt: float) -> dict[str, Any]:
     """Friction over twice the squeeze when the box slides at 10 mm/s under a growing pull; exactly mu if Coulomb holds.
 
-    Squeeze and speed are means over the last moments, over every step: point contacts that slide flicker between nothing and twice the force. The pull overshoots the threshold while the box gathers
+    The squeeze is a mean from just before: point contacts that slide flicker between nothing and twice the force. The speed is a mean too. The pull overshoots the threshold while the box gathers
     speed: with the ramp's rate ``r``, ``m v' = r t`` gives ``sqrt(2 m v r)``, 0.5 % of the load, which is taken off.
     """
     window = max(round(SPEED_WINDOW / dt), 1)
-    squeezes: deque[float] = deque(maxlen=max(round(FORCE_WINDOW / dt), 4))
+    squeezes: deque[float] = deque(maxlen=2 * round(FORCE_WINDOW / dt))
     heights: deque[float] = deque([simulation.height()], maxlen=window + 1)
     capacity = 2.0 * scene.FRICTION * scene.SQUEEZE
     pull = 0.0
@@ -107,7 +107,7 @@ def slip(simulation: Simulation, dt: float) -> dict[str, Any]:
         speed = (heights[0] - heights[-1]) / (window * dt)
         if len(heights) > window and speed > SLIDING:
             overshoot = min(math.sqrt(2.0 * scene.BOX_MASS * speed * ramp), pull)
-            ratio = (scene.WEIGHT + pull - overshoot) / (2.0 * float(np.mean(squeezes)))
+            ratio = (scene.WEIGHT + pull - overshoot) / (2.0 * float(np.mean(list(squeezes)[: (len(squeezes) + 1) // 2])))
             return {"slip_ratio": ratio, "slip_error": ratio / scene.FRICTION - 1.0, "slips_under_its_weight": pull < 0.05 * scene.WEIGHT}
     return {"slip_ratio": None, "slip_error": None, "slips_under_its_weight": False}
 

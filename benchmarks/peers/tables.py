@@ -39,7 +39,9 @@ def _cells(r: dict[str, Any]) -> list[str]:
     start = [r["name"], f"{r['dt_ms']:g}"]
     if "missing" in r:
         return [*start, MISSING, *[""] * (len(HEAD) - 3)]
-    held = f"falls after {r['fell_at_s']:.1f} s" if r["fell_at_s"] else rate(r["creep_m_per_s"])
+    held = rate(r["creep_m_per_s"])
+    if r["fell_at_s"]:
+        held += f", 30 mm in {r['fell_at_s']:.1f} s"
     if r["short_hold"]:
         held += f" (over {r['hold_s']:g} s)"
     ratio = r["slip_ratio"]
