@@ -7,7 +7,7 @@ ENGINE := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Car
 RESULT ?= out/grasp
 
 .DEFAULT_GOAL := help
-.PHONY: help setup grasp view test test-rust test-python lint bench clean
+.PHONY: help setup webxr-tools grasp view test test-rust test-python lint bench clean
 
 help: ## Show this list.
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{ printf "  make %-12s %s\n", $$1, $$2 }'
@@ -34,6 +34,9 @@ test-rust: ## Run the Rust tests.
 
 test-python: setup ## Run the Python tests.
 	$(BIN)/pytest
+
+webxr-tools: ## Install what the WebXR page is tested with and built from (needs npm).
+	cd tools/webxr && npm ci --no-audit --no-fund
 
 bench: ## Run the Rust benchmarks.
 	cargo bench --workspace --locked
