@@ -72,7 +72,11 @@ def open_page(browser: Any, port: int, prepare: Callable[[Any], None] | None = N
     page.goto(f"http://127.0.0.1:{port}")
     page.wait_for_selector("canvas", state="attached")
     # The notice that rendering is in software lies over the scene.
-    page.add_style_tag(content="[class*=Notifications-root] { display: none }")
+    page.evaluate(
+        "const sheet = new CSSStyleSheet();"
+        "sheet.replaceSync('[class*=Notifications-root] { display: none }');"
+        "document.adoptedStyleSheets.push(sheet);"
+    )
     try:
         yield page
     finally:

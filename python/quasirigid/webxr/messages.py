@@ -48,7 +48,8 @@ def read_hands(data: bytes) -> tuple[float, dict[str, FloatArray]]:
         raise PacketError("head of a hand message", f"{MAGIC!r} and 0 to 3", (magic, there), HINT)
     if not (np.isfinite(time) and abs(time) < 1e9):
         raise PacketError("time of a hand message", "a finite number of seconds", time, HINT)
-    hands = np.frombuffer(data, "<f4", offset=HEAD.size).reshape(2, len(JOINTS), 8).astype(np.float64)
+    with np.errstate(invalid="ignore"):  # a signalling NaN is as good as any other
+        hands = np.frombuffer(data, "<f4", offset=HEAD.size).reshape(2, len(JOINTS), 8).astype(np.float64)
     return float(time), {side: _checked(hands[i]) for i, side in enumerate(("left", "right")) if there >> i & 1}
 
 
