@@ -6,7 +6,7 @@ import json
 import math
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -50,7 +50,6 @@ class Recorder:
         self.path = Path(path)
         self.steps = 0
         self._block = block
-        self._fill = 0
         ends = {c.group for c in columns if c.ragged}
         self._stills = [c for c in columns if c.still]
         # Written in this order, `time` last: a step counts once its time is on disk.
@@ -59,13 +58,14 @@ class Recorder:
         self._ragged = [c for c in columns if c.ragged]
         self._steps = steps
         self._end = dict.fromkeys(ends, 0)
+        self._ready: Block | None = None
         self._new_block()
         with _written(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = h5py.File(self.path, "w", libver="latest")
             self._writer = self._begin(attributes or {}, constants or {})
-        # Also when nobody closes the recording: when it is collected as garbage, or at the end of the program.
-        self._stop = weakref.finalize(self, self._writer.stop)
+        # If nobody closes the recording: when it is collected as garbage, or at the end of the program.
+        self._forgotten = weakref.finalize(self, _end_forgotten, self._writer, self._file)
 
     def _new_block(self) -> None:
         self._rows = {c.name: np.zeros((self._block, *c.shape), c.dtype) for c in self._steps}
@@ -119,6 +119,7 @@ class Recorder:
 
         Raises ``InvalidShapeError`` for a row that does not fit, and ``RecordingError`` if earlier ones could not be written.
         """
+        self._writer.check()
         counts: dict[str, int] = {}
         ragged: list[npt.NDArray[Any]] = []
         for c in self._ragged:
@@ -150,10 +151,17 @@ class Recorder:
             self._hand_over()
 
     def _hand_over(self) -> None:
-        """Give the writer what was appended since the last time."""
+        """Give the writer what was appended since the last time. After an interrupt it may be called again."""
+        self._give_ready()
         if self._fill:
-            self._writer.give(Block(self._pending, {name: rows[: self._fill] for name, rows in self._rows.items()}))
+            self._ready = Block(self._pending, {name: rows[: self._fill] for name, rows in self._rows.items()})
             self._new_block()
+            self._give_ready()
+
+    def _give_ready(self) -> None:
+        if self._ready is not None:
+            self._writer.give(self._ready)
+            self._ready = None
 
     def still(self, values: Mapping[str, Any]) -> None:
         """Write stills, by name; they are on disk at once. A still that was written before is replaced."""
@@ -188,9 +196,14 @@ class Recorder:
         try:
             self._hand_over()
         finally:
-            self._stop()
+            self._forgotten.detach()
+            self._writer.stop()
             with _written(self.path):
-                self._file.close()
+                try:
+                    self._file.close()
+                except (OSError, RuntimeError):
+                    self._writer.check()  # says better what was wrong
+                    raise
         self._writer.check()
 
     def __enter__(self) -> Recorder:
@@ -208,11 +221,19 @@ class Recorder:
                     raise
 
 
+def _end_forgotten(writer: RecordingWriter, file: h5py.File) -> None:
+    writer.stop()
+    with suppress(OSError, RuntimeError):  # nobody is left to be told
+        file.close()
+
+
 @contextmanager
 def _written(path: Path) -> Iterator[None]:
     """What HDF5 and the file system say of a file that cannot be written, as ``RecordingError``."""
     try:
         yield
+    except RecordingError:
+        raise
     except (OSError, RuntimeError) as error:
         raise unwritable(str(path), error) from error
 

@@ -9,6 +9,7 @@ let go of the lock, and given to HDF5 as they are to stand in the file: what is 
 from __future__ import annotations
 
 import itertools
+import os
 import queue
 import threading
 import time
@@ -162,7 +163,9 @@ class RecordingWriter:
 
 def unwritable(path: str, error: Exception) -> RecordingError:
     """The error of a recording that cannot be written any more."""
-    reason = " ".join(str(error).split())
+    # HDF5 says in which of its calls it happened; people want to know what the operating system said.
+    number = getattr(error, "errno", None)
+    reason = os.strerror(number) if number else " ".join(str(error).split())
     return RecordingError(path, "a file that can be written", reason, "free some space on the disk, or record elsewhere with --record")
 
 
