@@ -27,6 +27,7 @@ from rich.table import Table
 from quasirigid import cli_recordings, cli_view
 from quasirigid.errors import QuasirigidError
 from quasirigid.mocap.commands import app as mocap_commands
+from quasirigid.quiet import quiet_fonts
 
 if TYPE_CHECKING:
     from quasirigid.grasp import GraspResult
@@ -406,6 +407,7 @@ def _say(text: str) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
+    quiet_fonts()
     command = typer.main.get_command(app)
     try:
         code = command.main(args=list(sys.argv[1:] if arguments is None else arguments), prog_name="quasirigid", standalone_mode=False)
