@@ -267,6 +267,11 @@ class HandModel:
         """The built-in hand: a thumb (finger 0) and two fingers that oppose it, 4 joints each
         (abduction, proximal, middle, distal). Hand frame: origin in the palm, fingers along -z, closing along x.
         """
+    def with_gains(self, stiffness: float, damping: float) -> HandModel:
+        """The same hand with the stiffness and the damping of all position controllers multiplied by these factors.
+
+        Raises ``InvalidValueError`` for a factor that is negative or not finite.
+        """
     @property
     def name(self) -> str: ...
     @property

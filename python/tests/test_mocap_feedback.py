@@ -14,7 +14,9 @@ from quasirigid.errors import InvalidValueError
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap import Take, shipped_take
 from quasirigid.mocap.feedback import Feedback, TfbSink
-from quasirigid.mocap.session import Look, MocapOptions, run_mocap
+from quasirigid.mocap.look import Look
+from quasirigid.mocap.options import MocapOptions
+from quasirigid.mocap.session import run_mocap
 from quasirigid.mocap.stream import TakeSource
 
 

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 from quasirigid.errors import InvalidValueError
 from quasirigid.mocap import PARTS
-from quasirigid.mocap.session import Look
+from quasirigid.mocap.look import Look
 
 TFB_PORT = 50_110
 FULL_FORCE = 5.0
