@@ -225,7 +225,7 @@ def grasp(
         list[str] | None,
         typer.Option(
             metavar="TARGET",
-            help="Send what the fingers feel: udp:HOST:PORT (JSON) or tfb:HOST (tactile thimbles); may be given several times.",
+            help="Send what the fingers feel: udp:HOST:PORT (JSON), ws:PORT (JSON to websockets that connect) or tfb:HOST (tactile thimbles); may be given several times.",
             rich_help_panel=MOCAP,
         ),
     ] = None,

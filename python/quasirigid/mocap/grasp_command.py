@@ -18,7 +18,7 @@ from rich.table import Table
 from quasirigid.errors import InvalidValueError
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap import Calibration
-from quasirigid.mocap.feedback import RATE, Feedback
+from quasirigid.mocap.feedback import RATE, open_feedback
 from quasirigid.mocap.options import MocapOptions
 from quasirigid.mocap.session import OBSERVED, MocapResult, run_mocap
 from quasirigid.mocap.springs import Springs
@@ -50,7 +50,7 @@ def grasp_mocap(
     """Run a session and print what became of it."""
     mocap = replace(mocap, calibration=None if calibration is None else Calibration.read(calibration))
     mocap.check()
-    sinks = [Feedback(text, rate=feedback_rate) for text in feedback]
+    sinks = [open_feedback(text, rate=feedback_rate) for text in feedback]
     observed = max(OBSERVED, feedback_rate)
     kind, _, port = source.partition(":")
     try:
@@ -87,7 +87,7 @@ def grasp_mocap(
         for sink in sinks:
             sink.close()
     for sink in sinks:
-        _say(f"feedback: {sink.sent} datagrams to {sink.address[0]}:{sink.address[1]}, {sink.failed} could not be sent")
+        _say(f"feedback: {sink.story()}")
     if as_json:
         typer.echo(json.dumps(result.summary, indent=2, allow_nan=False))
     else:

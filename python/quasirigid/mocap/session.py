@@ -66,7 +66,9 @@ class MocapSession:
         floor = -PEDESTAL[2] if self.stage.taken.flat else -1e-3
         self.mat = self.world.add_body(Surface.half_space(MAT, points=2_500), soft, motion="fixed", position=(0.0, 0.0, floor), name="mat")
         self._decoder = HandDecoder(mocap.side, bodies=mocap.bodies)
-        self._tracker = HandTracker(mocap.side, calibration=mocap.calibration, delay=mocap.delay, hold=mocap.hold, fade=mocap.fade)
+        self.side = self._decoder.side
+        """Of the tracked hand: a file that says which bodies are on the fingers says this, too."""
+        self._tracker = HandTracker(self.side, calibration=mocap.calibration, delay=mocap.delay, hold=mocap.hold, fade=mocap.fade)
         self._last_arrival = source.now()
         self._every = max(1, round(1.0 / (observed * options.dt)))
         self.coupling: Coupling | None = None
@@ -124,7 +126,7 @@ class MocapSession:
             self.source.wait_until(now + 0.005)
 
     def _couple(self, targets: HandTargets) -> None:
-        pad, side = self.stage.pad, self.mocap.side
+        pad, side = self.stage.pad, self.side
         if self.mocap.coupling == "hand":
             self.coupling = HandCoupling(self.world, targets, pad, side=side, gains=self.mocap.gains)
         else:
@@ -235,7 +237,7 @@ class MocapSession:
             "object_mass_kg": self.stage.taken.mass.mass,
             "friction": self.stage.friction,
             "coupling": self.mocap.coupling,
-            "hand": self.mocap.side,
+            "hand": self.side,
             **(self.outcome.summary() if self.outcome is not None else {"held": False, "dropped": False, "phases": [], "fingers": []}),
             "steps": steps,
             "dt_s": self.options.dt,
