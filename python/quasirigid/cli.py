@@ -238,6 +238,7 @@ def grasp(
                 record=record,
                 feedback=feedback or (),
                 feedback_rate=feedback_rate,
+                view=view,
                 as_json=as_json,
             )
         return

@@ -69,6 +69,10 @@ class Coupling(Protocol):
     def hands(self) -> list[Hand]:
         """Hands that were added."""
 
+    @property
+    def ends(self) -> FloatArray:
+        """(fingers, 3) m, world: apex of each simulated pad's skin, which is drawn to ``pad_places``."""
+
     def follow(self, targets: HandTargets, rate: float = 1.0) -> None:
         """Aim at these targets in the next step. ``rate``: how much faster than simulated time the hand is shown."""
 
@@ -204,6 +208,12 @@ class TipCoupling:
         """None."""
         return []
 
+    @property
+    def ends(self) -> FloatArray:
+        """Apex of every pad's skin, (fingers, 3) m, world."""
+        facing = -_minus_z(np.array([pad.quaternion for pad in self._bodies]))
+        return np.array([pad.position for pad in self._bodies]) + self._depth * facing
+
     def _pads(self, targets: HandTargets) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Places (6, 3) m and quaternions (6, 4) of the pads' frames (x along the finger, z out of the pad), and lever arms from the tips (6, 3) m."""
         apex, facing = pad_places(targets)
@@ -280,6 +290,11 @@ class HandCoupling:
     def hands(self) -> list[Hand]:
         """The hand."""
         return [self._hand]
+
+    @property
+    def ends(self) -> FloatArray:
+        """Apex of every pad's skin, (fingers, 3) m, world."""
+        return self._hand.tip_poses()[0]
 
     def _base_pose(self, targets: HandTargets) -> tuple[FloatArray, FloatArray]:
         turn = targets.quaternions[PALM]

@@ -6,7 +6,7 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.console import Console, Group
@@ -22,6 +22,9 @@ from quasirigid.mocap.session import OBSERVED, MocapOptions, MocapResult, run_mo
 from quasirigid.mocap.stream import NetworkSource, open_source
 from quasirigid.webxr import PORT, Placement, XrServer
 from quasirigid.webxr.pages import LOCAL
+
+if TYPE_CHECKING:
+    from quasirigid.view.apart import PageApart
 
 
 def grasp_mocap(
@@ -41,6 +44,7 @@ def grasp_mocap(
     record: Path | None,
     feedback: Sequence[str] = (),
     feedback_rate: float = RATE,
+    view: bool = False,
     as_json: bool,
 ) -> None:
     """Run a session and print what became of it."""
@@ -60,20 +64,29 @@ def grasp_mocap(
             if calibration is not None or bodies is not None:
                 wrong = "--calibration" if bodies is None else "--bodies"
                 raise InvalidValueError(wrong, "none with --mocap webxr", calibration or bodies, "use --place, or recentre in the headset")
-            with _open_page(port, bind or "127.0.0.1", mocap.side, place, certificate, key) as page:
-                result = run_mocap(options, mocap, page, out, record=record, observers=sinks, observed=observed, viewer=page, told=_say)
+            if view:
+                raise InvalidValueError(
+                    "--view", "no --mocap webxr", "both", "the page for the headset shows the scene, open it on this machine, too"
+                )
+            with _open_page(port, bind or "127.0.0.1", mocap.side, place, certificate, key) as headset:
+                result = run_mocap(
+                    options, mocap, headset, out, record=record, observers=sinks, observed=observed, viewer=headset, told=_say
+                )
         else:
             for name, value in (("--place", place), ("--certificate", certificate), ("--key", key)):
                 if value is not None:
                     raise InvalidValueError(name, "--mocap webxr", source, "leave it out: it is about the page for a headset")
-            stream = open_source(source, bind=bind or "0.0.0.0")
+            stream = open_source(source, bind=bind or "0.0.0.0", watched=view)
+            page = _open_view() if view else None
             try:
                 if isinstance(stream, NetworkSource):
                     host, udp = stream.address
                     _say(f"listening on UDP {host}:{udp}; Ctrl-C ends it")
-                result = run_mocap(options, mocap, stream, out, record=record, observers=sinks, observed=observed, told=_say)
+                result = run_mocap(options, mocap, stream, out, record=record, observers=sinks, observed=observed, viewer=page, told=_say)
             finally:
                 stream.close()
+                if page is not None:
+                    page.close()
     finally:
         for sink in sinks:
             sink.close()
@@ -101,6 +114,16 @@ def _open_page(port: str, host: str, side: str, place: str | None, certificate: 
         _say(f"open to the network ({host}): whoever reaches this port can drive the hand")
         if certificate is None:
             _say("browsers give hands to https pages and to localhost only: add --certificate, see docs/webxr.md")
+    return page
+
+
+def _open_view() -> PageApart:
+    from quasirigid.view.apart import PageApart
+    from quasirigid.view.server import open_browser
+
+    page = PageApart()
+    _say(f"quasirigid: live view on {page.url}  (Ctrl-C ends the session)")
+    open_browser(page.url)
     return page
 
 

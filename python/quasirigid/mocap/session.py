@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -21,14 +21,15 @@ from quasirigid.errors import InvalidValueError
 from quasirigid.grasp import GRAVITY, Stage
 from quasirigid.grasp_columns import contact_sums
 from quasirigid.grasp_options import GraspOptions
-from quasirigid.mocap.coupling import PALM, Coupling, HandCoupling, Springs, TipCoupling
+from quasirigid.mocap import PARTS
+from quasirigid.mocap.coupling import PALM, Coupling, HandCoupling, Springs, TipCoupling, pad_places
 from quasirigid.mocap.outcome import Outcome
 from quasirigid.mocap.pace import Pace
 from quasirigid.mocap.stream import Source
 from quasirigid.recording import Column
 from quasirigid.scene_recording import SceneRecorder
 from quasirigid.view.play import MAT, PEDESTAL, SOLVER_BUDGET
-from quasirigid.view.scene import SceneModel, SceneState
+from quasirigid.view.scene import SceneModel, SceneState, TrackedHand
 from quasirigid.view.world_scene import WorldScene
 
 FloatArray = npt.NDArray[np.float64]
@@ -38,6 +39,7 @@ DEFORMATION_RATE = 20.0
 """Times per second that the surfaces are recorded."""
 SETTLE = 0.2
 """How long the hand is watched before the session begins, s: by then the filter knows the stream."""
+WAITING = "waiting for the hand"
 LATECOMERS = 2.0
 """Fingers that are not seen so long after the first are left out, s."""
 
@@ -137,7 +139,7 @@ class MocapSession:
         self.scene = scene
         if self.viewer is not None:
             self.viewer.begin(scene.model)
-            self.viewer.draw(scene.state(phase="waiting for the hand"))
+            self.viewer.draw(scene.state(phase=WAITING))
 
     # What comes in.
 
@@ -163,6 +165,8 @@ class MocapSession:
             self._listen()
             now = self.source.now()
             targets = self._tracker.sample(now)
+            if self.viewer is not None and self.viewer.wants_state():
+                self.viewer.draw(replace(self.scene.state(phase=WAITING), tracked=None if targets is None else self._tracked(targets)))
             if targets is not None:
                 seen = _seen(targets)
                 seen_at = now if seen_at is None and seen.any() else seen_at
@@ -190,6 +194,16 @@ class MocapSession:
 
     def _object_pose(self) -> FloatArray:
         return np.concatenate([self.object.position, self.object.quaternion])
+
+    def _tracked(self, targets: HandTargets) -> TrackedHand:
+        """What a viewer shows of the tracked hand."""
+        rows = () if self.coupling is None else self.coupling.rows
+        aims, ends = np.zeros((0, 3)), np.zeros((0, 3))
+        if self.coupling is not None:
+            aims, ends = pad_places(targets)[0][list(rows)], self.coupling.ends
+        fingers = tuple(rows.index(row) if row in rows else -1 for row in range(len(PARTS)))
+        states = tuple(targets.states)
+        return TrackedHand(PARTS, targets.positions, targets.pad_radii, targets.weights, states, fingers, aims, ends)
 
     # The loop.
 
@@ -220,7 +234,7 @@ class MocapSession:
         wants = recorder is not None and recorder.wants_deformation
         state = self.scene.state(report, self.outcome.phase, moved=wants or shown)
         if self.viewer is not None and shown:
-            self.viewer.draw(state)
+            self.viewer.draw(replace(state, tracked=self._tracked(targets)))
         sums = contact_sums(state.contacts, 0, self._finger_of, len(self.coupling.fingers))
         support = _between(state, 0, 1) + _between(state, 0, 2)
         self.outcome.update(state.time, self._object_pose(), sums["hand/normal_force"], support, _guide(targets))

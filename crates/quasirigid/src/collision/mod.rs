@@ -118,7 +118,7 @@ pub(crate) fn collision(
     out.coarse = out.traversal.coarse;
     let traversed = Instant::now();
     let look = step.is_multiple_of(u64::from(params.collision_every));
-    projection::project_control_points(&mut out.projection, pairs, bodies, free, params, look, &mut out.contacts);
+    projection::project_control_points(&mut out.projection, pairs, bodies, free, &out.reach, params, look, &mut out.contacts);
     out.traverse_time = traversed - start;
     out.projection_time = traversed.elapsed();
 }
