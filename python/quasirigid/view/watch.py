@@ -100,7 +100,7 @@ class WorldView:
         return state
 
     def _look_on(self) -> None:
-        last, slow = -1, 0.0
+        last, slow, settled = -1, 0.0, False
         while not self._ended.wait(1.0 / LOOKS):
             try:
                 if not self._scene.unchanged():
@@ -108,13 +108,13 @@ class WorldView:
                     self._scene = WorldScene(self.world)
                     self._begin()
                 state = self._look()
-                if state is None or (state.step == last and not self._redraw):
+                if state is None or (state.step == last and settled and not self._redraw):
                     continue
-                last = state.step
+                last, settled = state.step, state.step == last
                 if self._redraw:
                     self._redraw = False
                     self._drawing.apply_layers()
-                self._drawing.draw(state)
+                self._drawing.draw(state, exact=settled)
                 if time.perf_counter() - slow > 1.0 / SLOW_RATE:
                     slow = time.perf_counter()
                     self._show(state)
