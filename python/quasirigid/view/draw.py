@@ -38,7 +38,7 @@ LOADED = 0.01
 HEAD = 0.3
 """Length of an arrow's head as a share of the arrow."""
 PULL = rgb("#A8478A")
-LEVELS = 64
+LEVELS = 40
 """Colours that are told apart on a pad: steps of the pressure scale."""
 PRESSURES = colour_map((np.arange(LEVELS) + 0.5) / LEVELS)
 """(levels, 3)."""
@@ -253,16 +253,16 @@ class SceneDrawing:
         """Which points of the pads have which colour."""
         rows, levels, lifts = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros((0, 3))]
         by_pressure = self.layers.patch_colours == "pressure"
-        for tip, where in zip(pads.bodies, pads.slices, strict=True):
+        for tip, vertices in zip(pads.bodies, pads.rows, strict=True):
             patch, moved = world_patch(state.contacts, tip), state.moved.get(tip)
             if moved is None or len(patch.points) == 0 or not (self.layers.patches and self.layers.hand):
                 continue
-            points = pads.world[where][moved.indices]
+            points = pads.world[vertices[moved.indices]]
             near = patch.near(points)
             share = pressure_at(points[near], patch) / self.scale.top
             loaded = share > LOADED
             near, share = near[loaded], share[loaded]
-            rows.append(where.start + moved.indices[near])
+            rows.append(vertices[moved.indices[near]])
             lifts.append(self.model.bodies[tip].normals[moved.indices[near]] @ (LIFT * turns[tip].T))
             if by_pressure:
                 levels.append(np.minimum(share * LEVELS, LEVELS - 1).astype(np.int64))

@@ -21,7 +21,7 @@ SHAPE_TOLERANCE = 2e-6
 """Nor are vertices that moved by less, m: a fifth of what the view promises."""
 SPARE = 64
 """Room for line segments grows and shrinks in such steps."""
-LEAST_PLACES = 24
+LEAST_PLACES = 16
 """Places that a colour of a ``PatchPool`` has at least."""
 OUT_OF_SIGHT = (0.0, 0.0, -1e4)
 """Where points wait that are not needed: far beyond what the camera sees, m."""
@@ -37,27 +37,36 @@ class Joined:
         """``parts`` are bodies: index, points at rest (n, 3) m in its frame, faces (m, 3)."""
         self.bodies = [index for index, _, _ in parts]
         """Index of the body of every part."""
-        ends = np.cumsum([len(points) for _, points, _ in parts]).tolist()
-        self.slices = [slice(end - len(points), end) for end, (_, points, _) in zip(ends, parts, strict=True)]
-        """Where the vertices of every part are in the mesh."""
-        self._rest = np.concatenate([points for _, points, _ in parts]).astype(np.float32)
+        self.rows: list[IntArray] = []
+        """Which vertex of the mesh every point of a part is: vertices are numbered as they are drawn."""
+        self._slices: list[slice] = []
+        rest, faces, end = [], [], 0
+        for _, points, triangles in parts:
+            ordered = in_drawing_order(triangles, len(points))
+            used, first = np.unique(ordered, return_index=True)
+            order = np.concatenate([used[np.argsort(first)], np.setdiff1d(np.arange(len(points)), used)])
+            rows = np.empty(len(points), np.int64)
+            rows[order] = end + np.arange(len(points))
+            rest.append(points[order])
+            faces.append(rows[ordered])
+            self.rows.append(rows)
+            self._slices.append(slice(end, end + len(points)))
+            end += len(points)
+        self._rest = np.concatenate(rest).astype(np.float32)
         self._local = self._rest.copy()
         self._stale = True
         self.world = self._rest.copy()
         """Where the vertices are, (n, 3) m."""
-        faces = np.concatenate(
-            [in_drawing_order(faces, len(points)) + part.start for (_, points, faces), part in zip(parts, self.slices, strict=True)]
-        )
         self.handle = server.scene.add_mesh_simple(
-            name, self._rest, faces.astype(np.uint32), color=colour, cast_shadow=False, receive_shadow=False
+            name, self._rest, np.concatenate(faces).astype(np.uint32), color=colour, cast_shadow=False, receive_shadow=False
         )
 
     def deform(self, part: int, moved: Moved | None) -> None:
         """Vertices of a part are where its points are now; ``None``: at rest. Seen after the next ``place``."""
-        where = self.slices[part]
+        where = self._slices[part]
         shape = self._rest[where].copy()
         if moved is not None:
-            shape[moved.indices] = moved.points
+            shape[self.rows[part][moved.indices] - where.start] = moved.points
         if np.abs(shape - self._local[where]).max() > SHAPE_TOLERANCE:
             self._local[where] = shape
             self._stale = True
@@ -70,7 +79,7 @@ class Joined:
         if not self._stale and not changed[self.bodies].any():
             return False
         self._stale = False
-        for where, turn, position in zip(self.slices, turns[self.bodies].astype(np.float32), positions[self.bodies], strict=True):
+        for where, turn, position in zip(self._slices, turns[self.bodies].astype(np.float32), positions[self.bodies], strict=True):
             np.matmul(self._local[where], turn.T, out=self.world[where])
             self.world[where] += position.astype(np.float32)
         self.handle.vertices = self.world
