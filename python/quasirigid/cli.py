@@ -186,8 +186,13 @@ def grasp(
         ),
     ] = None,
     idle: Annotated[
-        float, typer.Option(metavar="SECONDS", help="The session ends when nothing has come for so long.", rich_help_panel=MOCAP)
-    ] = 3.0,
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="The session ends when nothing has come for so long. Default: 3, for webxr 60: one may take the headset off.",
+            rich_help_panel=MOCAP,
+        ),
+    ] = None,
     feedback: Annotated[
         list[str] | None,
         typer.Option(

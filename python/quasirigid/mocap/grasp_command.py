@@ -20,7 +20,7 @@ from quasirigid.mocap import Calibration
 from quasirigid.mocap.feedback import RATE, Feedback
 from quasirigid.mocap.session import OBSERVED, MocapOptions, MocapResult, run_mocap
 from quasirigid.mocap.stream import NetworkSource, open_source
-from quasirigid.webxr import PORT, Placement, XrServer
+from quasirigid.webxr import IDLE, PORT, Placement, XrServer
 from quasirigid.webxr.pages import LOCAL
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def grasp_mocap(
     place: str | None,
     certificate: Path | None,
     key: Path | None,
-    idle: float,
+    idle: float | None,
     out: Path,
     record: Path | None,
     feedback: Sequence[str] = (),
@@ -48,17 +48,17 @@ def grasp_mocap(
     as_json: bool,
 ) -> None:
     """Run a session and print what became of it."""
+    kind, _, port = source.partition(":")
     mocap = MocapOptions(
         side=side,  # type: ignore[arg-type]  # checked by MocapOptions.check
         coupling=coupling,  # type: ignore[arg-type]
         calibration=None if calibration is None else Calibration.read(calibration),
         bodies=bodies,
-        idle=idle,
+        idle=idle if idle is not None else IDLE if kind == "webxr" else MocapOptions.idle,
     )
     mocap.check()
     sinks = [Feedback(text, rate=feedback_rate) for text in feedback]
     observed = max(OBSERVED, feedback_rate)
-    kind, _, port = source.partition(":")
     try:
         if kind == "webxr":
             if calibration is not None or bodies is not None:

@@ -29,6 +29,8 @@ from quasirigid.webxr.placement import Placement
 from quasirigid.webxr.wire import SceneWire
 
 PORT = 8082
+IDLE = 60.0
+"""For so long a session waits for hands that have gone: a headset is taken off, a page loaded again, s."""
 STATES = 40.0
 """States sent per second, at most."""
 CLIENTS = 8
