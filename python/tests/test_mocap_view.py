@@ -18,7 +18,8 @@ from quasirigid import mocap
 from quasirigid.cli import main
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap import Take, shipped_take
-from quasirigid.mocap.session import MocapOptions, MocapSession
+from quasirigid.mocap.options import MocapOptions
+from quasirigid.mocap.session import MocapSession
 from quasirigid.mocap.stream import TakeSource
 from quasirigid.view.apart import PageApart
 from quasirigid.view.scene import SceneModel, SceneState

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +18,10 @@ from rich.table import Table
 from quasirigid.errors import InvalidValueError
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap import Calibration
-from quasirigid.mocap.feedback import RATE, Feedback
-from quasirigid.mocap.session import OBSERVED, MocapOptions, MocapResult, run_mocap
+from quasirigid.mocap.feedback import RATE, open_feedback
+from quasirigid.mocap.options import MocapOptions
+from quasirigid.mocap.session import OBSERVED, MocapResult, run_mocap
+from quasirigid.mocap.springs import Springs
 from quasirigid.mocap.stream import NetworkSource, open_source
 from quasirigid.webxr import IDLE, PORT, Placement, XrServer
 from quasirigid.webxr.pages import LOCAL
@@ -30,12 +33,10 @@ if TYPE_CHECKING:
 def grasp_mocap(
     options: GraspOptions,
     source: str,
+    mocap: MocapOptions,
     *,
     bind: str | None,
-    side: str,
-    coupling: str,
     calibration: Path | None,
-    bodies: str | None,
     place: str | None,
     certificate: Path | None,
     key: Path | None,
@@ -49,21 +50,18 @@ def grasp_mocap(
 ) -> None:
     """Run a session and print what became of it."""
     kind, _, port = source.partition(":")
-    mocap = MocapOptions(
-        side=side,  # type: ignore[arg-type]  # checked by MocapOptions.check
-        coupling=coupling,  # type: ignore[arg-type]
-        calibration=None if calibration is None else Calibration.read(calibration),
-        bodies=bodies,
-        idle=idle if idle is not None else IDLE if kind == "webxr" else MocapOptions.idle,
-    )
+    patience = idle if idle is not None else IDLE if kind == "webxr" else mocap.idle
+    mocap = replace(mocap, calibration=None if calibration is None else Calibration.read(calibration), idle=patience)
     mocap.check()
-    sinks = [Feedback(text, rate=feedback_rate) for text in feedback]
+    sinks = [open_feedback(text, rate=feedback_rate) for text in feedback]
     observed = max(OBSERVED, feedback_rate)
     try:
         if kind == "webxr":
-            if calibration is not None or bodies is not None:
-                wrong = "--calibration" if bodies is None else "--bodies"
-                raise InvalidValueError(wrong, "none with --mocap webxr", calibration or bodies, "use --place, or recentre in the headset")
+            if calibration is not None or mocap.bodies is not None:
+                wrong = "--calibration" if mocap.bodies is None else "--bodies"
+                raise InvalidValueError(
+                    wrong, "none with --mocap webxr", calibration or mocap.bodies, "use --place, or recentre in the headset"
+                )
             if view:
                 raise InvalidValueError(
                     "--view", "no --mocap webxr", "both", "the page for the headset shows the scene, open it on this machine, too"
@@ -91,11 +89,39 @@ def grasp_mocap(
         for sink in sinks:
             sink.close()
     for sink in sinks:
-        _say(f"feedback: {sink.sent} datagrams to {sink.address[0]}:{sink.address[1]}, {sink.failed} could not be sent")
+        _say(f"feedback: {sink.story()}")
     if as_json:
         typer.echo(json.dumps(result.summary, indent=2, allow_nan=False))
     else:
         Console().print(_panel(result))
+
+
+def coupled(
+    coupling: str,
+    spring: float | None,
+    spring_rotation: float | None,
+    damping: float | None,
+    damping_rotation: float | None,
+    joint_stiffness: float | None,
+    joint_damping: float | None,
+) -> tuple[Springs, tuple[float, float]]:
+    """Springs and gains from the options of the command line. Raises ``InvalidValueError`` for one that the coupling has no use for."""
+    of_tips = {"--spring": spring, "--spring-rotation": spring_rotation, "--damping": damping, "--damping-rotation": damping_rotation}
+    of_hand = {"--joint-stiffness": joint_stiffness, "--joint-damping": joint_damping}
+    idle, other, those = (of_hand, "hand", of_tips) if coupling == "tips" else (of_tips, "tips", of_hand)
+    for name, value in idle.items():
+        if value is not None and coupling in ("tips", "hand"):
+            raise InvalidValueError(name, f"--coupling {other}", f"--coupling {coupling}", f"that has {' and '.join(those)}")
+    usual = Springs()
+    stiffness = _or(spring, usual.stiffness[0]), _or(spring_rotation, usual.stiffness[1])
+    return Springs(stiffness, (_or(damping, usual.damping[0]), _or(damping_rotation, usual.damping[1]))), (
+        _or(joint_stiffness, 1.0),
+        _or(joint_damping, 1.0),
+    )
+
+
+def _or(value: float | None, usual: float) -> float:
+    return usual if value is None else value
 
 
 def _open_page(port: str, host: str, side: str, place: str | None, certificate: Path | None, key: Path | None) -> XrServer:
@@ -164,4 +190,4 @@ def _panel(result: MocapResult) -> Panel:
     return Panel(Group(verdict, "", table, "", *notes, where), title="grasp", title_align="left", border_style=colour, expand=False)
 
 
-__all__ = ["grasp_mocap"]
+__all__ = ["coupled", "grasp_mocap"]
