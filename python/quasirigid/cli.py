@@ -191,8 +191,13 @@ def grasp(
         ),
     ] = None,
     idle: Annotated[
-        float, typer.Option(metavar="SECONDS", help="The session ends when nothing has come for so long.", rich_help_panel=MOCAP)
-    ] = 3.0,
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="The session ends when nothing has come for so long. Default: 3, for webxr 60: one may take the headset off.",
+            rich_help_panel=MOCAP,
+        ),
+    ] = None,
     feedback: Annotated[
         list[str] | None,
         typer.Option(
@@ -237,7 +242,6 @@ def grasp(
             delay=delay,
             hold=loss_hold,
             fade=loss_fade,
-            idle=idle,
         )
         with _terminable():
             grasp_mocap(
@@ -249,6 +253,7 @@ def grasp(
                 place=place,
                 certificate=certificate,
                 key=key,
+                idle=idle,
                 out=out,
                 record=record,
                 feedback=feedback or (),
