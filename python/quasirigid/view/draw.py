@@ -69,6 +69,9 @@ class SceneDrawing:
     def __init__(self, server: viser.ViserServer, model: SceneModel, *, layers: Layers | None = None) -> None:
         self.server, self.model = server, model
         self.layers = layers or Layers()
+        self.hurried = False
+        """While all moves, work out at every second state only which point of a pad has which colour; set by who draws states that stay
+        with ``exact``."""
         self.scale = Scale()
         """Of the pressure colours."""
         self.meshes: list[viser.MeshHandle | None] = [None] * len(model.bodies)
@@ -200,8 +203,7 @@ class SceneDrawing:
                 self._shown = state
                 self._forces(state)
             if self._pads is not None and (other or moved[0] or self._faded):
-                # While all moves, which point has which colour is worked out at every second time; where they are, always.
-                self._faded = not (exact or self._faded)
+                self._faded = self.hurried and not (exact or self._faded)
                 if not self._faded:
                     self._pressure(state, self._pads, turns)
                 self._patches.move(self._pads.world[self._coloured] + self._lift)

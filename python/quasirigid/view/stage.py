@@ -98,8 +98,10 @@ def add_ground(server: viser.ViserServer, floor: float) -> None:
     )
 
 
-def place_camera(server: viser.ViserServer, model: SceneModel, positions: FloatArray, quaternions: FloatArray) -> None:
-    """A view from in front and a little above that has objects and hand in the picture."""
+def place_camera(
+    server: viser.ViserServer, model: SceneModel, positions: FloatArray, quaternions: FloatArray, headroom: float = HANDLE
+) -> None:
+    """A view from in front and a little above that has objects and hand in the picture, and ``headroom`` m above them."""
     from quasirigid.summary import rotate
 
     clouds = [
@@ -108,7 +110,7 @@ def place_camera(server: viser.ViserServer, model: SceneModel, positions: FloatA
         if len(body.points) and body.kind != "support"
     ]
     points = np.concatenate(clouds) if clouds else np.array([[0.0, 0.0, 0.0], [0.1, 0.1, 0.1]])
-    low, high = points.min(axis=0), points.max(axis=0) + np.array([0.0, 0.0, HANDLE])
+    low, high = points.min(axis=0), points.max(axis=0) + np.array([0.0, 0.0, headroom])
     middle = 0.5 * (low + high)
     reach = max(0.5 * float(np.linalg.norm(high - low)), 0.02)
     towards = np.array([0.52, -0.80, 0.30])
