@@ -28,8 +28,8 @@ SEEN = 4e-6
 """... more than this, m."""
 FLAT_NORMALS = 1e-3
 """A support whose normals differ by less is a plane."""
-GROUND = np.array([0.95, 0.96, 0.98], np.float32)
-"""Of plane supports, linear light."""
+GROUND, GROUND_LIT = np.array([0.895, 0.905, 0.915], np.float32), (0.99, 0.995, 1.0)
+"""Of plane supports: in linear light, and the colour that looks so in the light of the page."""
 OPAQUE = 0.999
 LIFT = 1.5e-4
 """How far the coloured points stand out of the surface, so that it does not hide half of each, m."""
@@ -52,7 +52,7 @@ class Layers:
     """What is shown."""
 
     object: bool = True
-    object_opacity: float = 0.25
+    object_opacity: float = 0.4
     hand: bool = True
     patches: bool = True
     patch_colours: str = "pressure"
@@ -243,7 +243,7 @@ class SceneDrawing:
         self._sent_shape[index] = points
         if faces is not None and index in self._planes:  # it yields: from now on a mesh as all others
             self._planes.pop(index).remove()
-            self.meshes[index] = self._mesh(self._paths[index], points, faces, self.model.bodies[index].colour, None)
+            self.meshes[index] = self._mesh(self._paths[index], points, faces, GROUND_LIT, None)
             return
         for mesh in (self.meshes[index], self._veils.get(index)):
             if mesh is not None:
