@@ -29,6 +29,9 @@ from quasirigid.webxr.pages import LOCAL
 if TYPE_CHECKING:
     from quasirigid.view.apart import PageApart
 
+MOST_LOSSES = 4
+"""Shown of the losses of fingers."""
+
 
 def grasp_mocap(
     options: GraspOptions,
@@ -167,6 +170,11 @@ def _panel(result: MocapResult) -> Panel:
         table.add_row("pressed", f"{peaks} N at most")
         moved = f"lifted {1e3 * s['lifted_m']:.0f} mm, turned {57.29578 * s['turned_rad']:.0f} degrees, carried {s['carried_s']:.1f} s"
         table.add_row("moved", moved)
+    for loss in s["losses"][:MOST_LOSSES]:
+        limp = f", limp for {loss['limp_s']:.1f} s" if loss["limp_s"] else ", held"
+        table.add_row("not seen", f"{loss['part']}, {loss['start']:.1f} to {loss['end']:.1f} s{limp}")
+    if len(s["losses"]) > MOST_LOSSES:
+        table.add_row("", f"and {len(s['losses']) - MOST_LOSSES} times more")
     if s.get("place_error_m") is not None:
         table.add_row("put down", f"{1e3 * s['place_error_m']:.1f} mm from where the hand put it")
     if s.get("packet_to_step_ms"):

@@ -24,6 +24,7 @@ from quasirigid.mocap import PARTS
 from quasirigid.mocap.coupling import PALM, Coupling, TipCoupling, pad_places
 from quasirigid.mocap.hand_coupling import HandCoupling
 from quasirigid.mocap.look import Look, Observer, Viewer
+from quasirigid.mocap.losses import Losses
 from quasirigid.mocap.options import MocapOptions
 from quasirigid.mocap.outcome import Outcome
 from quasirigid.mocap.pace import Pace
@@ -41,6 +42,8 @@ DEFORMATION_RATE = 20.0
 """Times per second that the surfaces are recorded."""
 SETTLE = 0.2
 """How long the hand is watched before the session begins, s: by then the filter knows the stream."""
+SILENT = 0.2
+"""A stream from which nothing has come for so long is silent, s."""
 WAITING = "waiting for the hand"
 LATECOMERS = 2.0
 """Fingers that are not seen so long after the first are left out, s."""
@@ -74,6 +77,7 @@ class MocapSession:
         self.coupling: Coupling | None = None
         self.pace: Pace | None = None
         self.outcome: Outcome | None = None
+        self.losses = Losses()
         self.observers: list[Observer] = []
         self.step_times: list[float] = []
         self.unconverged = 0
@@ -181,6 +185,7 @@ class MocapSession:
             self.viewer.draw(replace(state, tracked=self._tracked(targets)))
         sums = contact_sums(state.contacts, 0, self._finger_of, len(self.coupling.fingers))
         support = _between(state, 0, 1) + _between(state, 0, 2)
+        self.losses.update(state.time, targets, fresh=self.source.now() - self._last_arrival < SILENT)
         self.outcome.update(state.time, self._object_pose(), sums["hand/normal_force"], support, _guide(targets))
         if recorder is not None:
             rows = list(self.coupling.rows)
@@ -239,6 +244,7 @@ class MocapSession:
             "coupling": self.mocap.coupling,
             "hand": self.side,
             **(self.outcome.summary() if self.outcome is not None else {"held": False, "dropped": False, "phases": [], "fingers": []}),
+            "losses": self.losses.summary(),
             "steps": steps,
             "dt_s": self.options.dt,
             "step_ms_median": float(np.median(ms)) if steps else None,
