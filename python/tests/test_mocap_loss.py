@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -73,6 +74,12 @@ def played(edit: Edit, coupling: CouplingName, side: Literal["left", "right"] = 
     return Played(time, ends, base, weights, session.summary())
 
 
+@cache
+def whole(coupling: CouplingName, side: Literal["left", "right"] = "right") -> Played:
+    """Of a hand that is seen all the time."""
+    return played(away(0.0, 0.0, []), coupling, side)
+
+
 def away(start: float, end: float, rows: list[int], aside: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Edit:
     """Parts that are not seen for a while, after which the whole hand is somewhere else."""
 
@@ -108,16 +115,15 @@ def test_a_hand_that_is_away_for_two_seconds_comes_back_elsewhere_without_a_jump
 
 def test_a_palm_that_is_lost_and_seen_again_moves_the_base_without_a_jump() -> None:
     """Bodies on the fingers: the one on the back of the hand is hidden while the hand goes down with the box."""
-    whole = played(away(0.0, 0.0, []), "hand")
     result = played(away(5.9, 7.9, [PALM]), "hand")
     still = np.linalg.norm(np.diff(result.base, axis=0), axis=1)[(result.time[1:] > 6.95) & (result.time[1:] < 7.6)]
     assert still.max() == 0.0, "without a palm the base stays"
-    gone = float(np.abs(result.base - whole.base).max())
+    gone = float(np.abs(result.base - whole("hand").base).max())
     print(f"base {1e3 * gone:.0f} mm from the palm, taken back at {result.base_speed():.2f} m/s, pads {result.pad_speed():.2f} m/s")
     assert gone > 0.02, "or this tests nothing"
     assert result.base_speed() < HAND + 1.02 * FASTEST[0]
     assert result.pad_speed() < FASTEST_PAD["hand"]
-    assert result.base[-1] == pytest.approx(whole.base[-1], abs=1e-3)
+    assert result.base[-1] == pytest.approx(whole("hand").base[-1], abs=1e-3)
     assert [loss["part"] for loss in result.later_losses()] == ["palm"]
 
 
@@ -136,7 +142,7 @@ def test_one_finger_that_is_lost_for_long_goes_limp_and_the_others_hold_on(coupl
 
 @pytest.mark.parametrize("coupling", ["tips", "hand"])
 def test_the_left_hand_does_the_same_in_a_mirror(coupling: CouplingName) -> None:
-    right, left = (played(away(0.0, 0.0, []), coupling, side) for side in ("right", "left"))  # type: ignore[arg-type]
+    right, left = (whole(coupling, side) for side in ("right", "left"))  # type: ignore[arg-type]
     for result, turn in ((right, 1.0), (left, -1.0)):
         summary = result.summary
         assert summary["held"], summary
