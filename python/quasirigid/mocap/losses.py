@@ -17,10 +17,10 @@ class Losses:
         self._found: list[dict[str, Any]] = []
         self._fresh = self._time = 0.0
 
-    def update(self, time: float, targets: HandTargets, *, fresh: bool) -> None:
-        """``time`` is simulated, s; ``fresh``: frames are coming."""
+    def update(self, time: float, targets: HandTargets, silent: float) -> None:
+        """``time`` is simulated, s; ``silent``: since when nothing has come, s."""
         elapsed, self._time = time - self._time, time
-        self._fresh = time if fresh else self._fresh
+        self._fresh = time - silent
         weights = targets.weights
         for row, state in enumerate(targets.states):
             if state in ("held", "fading", "lost"):

@@ -42,8 +42,6 @@ DEFORMATION_RATE = 20.0
 """Times per second that the surfaces are recorded."""
 SETTLE = 0.2
 """How long the hand is watched before the session begins, s: by then the filter knows the stream."""
-SILENT = 0.2
-"""A stream from which nothing has come for so long is silent, s."""
 WAITING = "waiting for the hand"
 LATECOMERS = 2.0
 """Fingers that are not seen so long after the first are left out, s."""
@@ -185,8 +183,8 @@ class MocapSession:
             self.viewer.draw(replace(state, tracked=self._tracked(targets)))
         sums = contact_sums(state.contacts, 0, self._finger_of, len(self.coupling.fingers))
         support = _between(state, 0, 1) + _between(state, 0, 2)
-        self.losses.update(state.time, targets, fresh=self.source.now() - self._last_arrival < SILENT)
-        self.outcome.update(state.time, self._object_pose(), sums["hand/normal_force"], support, _guide(targets))
+        self.losses.update(state.time, targets, self.source.now() - self._last_arrival)
+        self.outcome.update(state.time, self._object_pose(), sums["hand/normal_force"], support, _guide(targets, list(self.coupling.rows)))
         if recorder is not None:
             rows = list(self.coupling.rows)
             row = {"object/pose": self._object_pose(), "tracker/position": targets.positions[rows], "tracker/weight": targets.weights[rows]}
@@ -264,10 +262,13 @@ def _seen(targets: HandTargets) -> npt.NDArray[np.bool_]:
     return np.asarray(np.isfinite(targets.positions).all(axis=1))
 
 
-def _guide(targets: HandTargets) -> FloatArray:
-    """Where the tracked hand is, (7,): the palm, or the middle of thumb and first finger where there is no palm."""
-    row = PALM if np.isfinite(targets.positions[PALM]).all() else int(_seen(targets).argmax())
-    return np.concatenate([targets.positions[row], targets.quaternions[row]])
+def _guide(targets: HandTargets, rows: list[int]) -> FloatArray:
+    """Where the tracked hand is, (7,): the palm, or the middle of the tips ``rows`` where there is no palm. Equal springs that hold something
+    have their middle where it has its own, however hard they press.
+    """
+    if np.isfinite(targets.positions[PALM]).all():
+        return np.concatenate([targets.positions[PALM], targets.quaternions[PALM]])
+    return np.concatenate([targets.positions[rows].mean(axis=0), targets.quaternions[rows[0]]])
 
 
 def _between(state: SceneState, a: int, b: int) -> float:
