@@ -90,7 +90,7 @@ def test_synthetic_hand_joints_pinch_and_lift_the_box(browser: Any, emulator: st
     raised = (x, y + LIFT, z, 1)
 
     def prepare(page: Any) -> None:
-        page.set_viewport_size({"width": 480, "height": 320})
+        page.set_viewport_size({"width": 240, "height": 160})
         page.add_init_script(path=emulator)
         page.add_init_script(path=HERE / "xr_device.js")
         poses = f"xrDevice({matrices(HALF_WIDTH, 0.03)}, {matrices(HALF_WIDTH, -GRIP)})"

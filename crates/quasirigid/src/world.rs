@@ -104,6 +104,10 @@ impl World {
         if params.dt != self.params.dt {
             (self.start_time, self.start_steps) = (self.time(), self.steps);
         }
+        let limits = |p: &Parameters| (p.contact_margin, p.traversal_slack, p.projection_slack, p.projection_tolerance);
+        if limits(&params) != limits(&self.params) {
+            self.pairs.iter_mut().for_each(Pair::look_anew);
+        }
         let same_rule = params.friction_rule == self.params.friction_rule;
         self.params = params;
         if !same_rule {

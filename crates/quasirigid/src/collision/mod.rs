@@ -118,7 +118,73 @@ pub(crate) fn collision(
     out.coarse = out.traversal.coarse;
     let traversed = Instant::now();
     let look = step.is_multiple_of(u64::from(params.collision_every));
-    projection::project_control_points(&mut out.projection, pairs, bodies, free, params, look, &mut out.contacts);
+    projection::project_control_points(&mut out.projection, pairs, bodies, free, &out.reach, params, look, &mut out.contacts);
     out.traverse_time = traversed - start;
     out.projection_time = traversed.elapsed();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::body::{Material, Motion, PoseDrive, RigidBody};
+    use crate::math::Pose;
+    use crate::surface::{Surface, shapes};
+    use crate::world::{BodyHandle, World};
+    use std::sync::Arc;
+
+    /// A box on a pedestal over a coarse mat, which couples with every control point of its bottom, and a fingertip that pushes at its side.
+    fn scene() -> (World, BodyHandle) {
+        let surface = |points, control| Arc::new(Surface::build(points, Some(control)).unwrap());
+        let stuff = |name| Material::preset(name).unwrap();
+        let mut world = World::new(Parameters::default()).unwrap();
+        let mut fixed = |points, control, at: Vec3| {
+            let body = RigidBody::fixed("fixed", Pose::translation(at.x, at.y, at.z)).unwrap();
+            world.add_body(body, Some((surface(points, control), stuff("silicone")))).unwrap()
+        };
+        fixed(shapes::sample_box(Vec3::new(0.016, 0.016, 0.004), 1_000).unwrap(), 130, Vec3::new(0.0, 0.0, -0.002));
+        fixed(shapes::sample_half_space(0.6, 1_600).unwrap(), 200, Vec3::new(0.0, 0.0, -0.004));
+        let size = Vec3::repeat(0.04);
+        let mass = crate::body::MassProperties::cuboid(size, crate::body::Amount::Mass(0.1)).unwrap();
+        let object = RigidBody::free("box", mass, Motion::Inertial, Pose::translation(0.0, 0.0, 0.02)).unwrap();
+        let object = world.add_body(object, Some((surface(shapes::sample_box(size, 6_000).unwrap(), 800), stuff("wood")))).unwrap();
+        let tip = shapes::sample_fingertip(Vec3::new(0.009, 0.009, 0.008), 1_200).unwrap();
+        let finger = RigidBody::fixed("finger", finger_at(0)).unwrap();
+        world.add_body(finger, Some((surface(tip, 160), stuff("fingertip_pulp")))).unwrap();
+        (world, object)
+    }
+
+    /// The fingertip comes from the side, pushes, and rolls a little.
+    fn finger_at(step: usize) -> Pose {
+        let s = step as Real * 1e-3;
+        let turn = crate::math::Rot::from_axis_angle(&Vec3::y_axis(), std::f64::consts::FRAC_PI_2 + 0.5 * s);
+        Pose::from_parts(Vec3::new(-0.0285 + 0.02 * s, 0.0, 0.022 + 0.004 * s).into(), turn)
+    }
+
+    #[test]
+    fn what_is_remembered_is_what_would_be_found_anew() {
+        let ((mut world, object), (mut forgetful, _)) = (scene(), scene());
+        let (mut most, mut projected) = (0, [0, 0]);
+        for step in 1..=600 {
+            for (world, projected) in [&mut world, &mut forgetful].into_iter().zip(&mut projected) {
+                let finger = world.handle_of(world.bodies().len() - 1);
+                world.body_mut(finger).unwrap().move_to(finger_at(step)).unwrap();
+                if step == 400 {
+                    // The spring carries the box away from the pedestal, tilts it and puts it on the mat.
+                    let pose = Pose::from_parts(Vec3::new(0.03, 0.0, 0.012).into(), crate::math::Rot::from_euler_angles(0.0, 0.3, 0.0));
+                    let drive = PoseDrive::new(pose, [200.0, 0.2], [5.0, 0.005]).unwrap();
+                    world.body_mut(object).unwrap().set_drive(Some(drive)).unwrap();
+                }
+                world.step();
+                *projected += world.contacts().iter().filter(|contact| contact.projected).count();
+            }
+            forgetful.pairs.iter_mut().for_each(Pair::look_anew);
+            let [here, there] = [&world, &forgetful].map(|world| *world.body(object).unwrap().pose());
+            let apart = (here.translation.vector - there.translation.vector).norm() + here.rotation.angle_to(&there.rotation) * 0.02;
+            assert!(apart < 1e-7, "step {step}: {apart:e} m apart");
+            assert_eq!(world.contacts().len(), forgetful.contacts().len(), "step {step}");
+            most = most.max(world.contacts().len());
+        }
+        println!("up to {most} contacts, projected {projected:?}");
+        assert!(most > 40 && 2 * projected[0] < projected[1], "up to {most} contacts, projected {projected:?}");
+    }
 }

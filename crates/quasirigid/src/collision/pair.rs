@@ -121,6 +121,12 @@ impl Pair {
         }
     }
 
+    /// What was seen of the two surfaces no longer holds.
+    pub(crate) fn look_anew(&mut self) {
+        self.coupling = Coupling::default();
+        self.remembered.fill(Remembered::default());
+    }
+
     /// Replaces the friction. Slip speeds start from rest if they were not remembered before.
     pub(crate) fn set_friction(&mut self, friction: PairFriction) {
         self.friction = friction;

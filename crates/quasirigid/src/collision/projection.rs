@@ -17,8 +17,12 @@ const BORDER_GAPS: Real = 1.5;
 /// A control point that lies this many leaf gaps under the other surface lies deeper than contact goes.
 const DEEP: Real = 1.0;
 
-/// Where faces meet, a control point whose place at rest has moved by this many spacings is looked at again.
-const EDGE_SLACK: Real = 0.05;
+/// A control point that nothing faces, or whose projection had to be rejected, is looked at again once it has moved by this many spacings of the other surface; one where
+/// faces meet once its place at rest has. No projection is kept for longer.
+const SLACK: Real = 0.05;
+
+/// [`Parameters::projection_slack`] is meant for this radius of curvature, m.
+const SLACK_RADIUS: Real = 1e-3;
 
 /// Coupled leaves whose mean normals make more than 60 degrees lie on different faces.
 const SAME_FACE: Real = 0.5;
@@ -34,7 +38,7 @@ const CHUNK: usize = 8;
 pub struct Remembered {
     /// Where the control point was projected from.
     x: Vec3,
-    /// How far it may go from there before it has to be looked at again, m; negative: nothing known.
+    /// How far it may go from there before it has to be looked at again, m.
     holds_for: Real,
     /// What was found there.
     surface: Seen,
@@ -42,6 +46,19 @@ pub struct Remembered {
     at_edge: Option<Vec3>,
     /// Whether it lies inside the other body by more than contact does, see [`super::deep`].
     deep: bool,
+    /// Stands for the coupled leaves of the other surface.
+    leaves: u32,
+}
+
+impl Remembered {
+    /// `leaves` stands for the leaves that the control point is coupled with from now on. What was not there to be seen may be there now if they are others, or if `turned`:
+    /// the bodies have turned against each other, so that other points may face it.
+    pub(super) fn coupled_anew(&mut self, leaves: u32, turned: bool) {
+        if (turned || leaves != self.leaves) && !matches!(self.surface, Seen::Foot { .. }) {
+            *self = Self::default();
+        }
+        self.leaves = leaves;
+    }
 }
 
 /// The other surface as a control point sees it.
@@ -49,8 +66,10 @@ pub struct Remembered {
 #[allow(clippy::large_enum_variant)]
 #[derive(Debug, Clone)]
 enum Seen {
-    /// Too far, or no projection within the border.
+    /// Nothing that faces it, or no projection within the border.
     Nothing,
+    /// Too far: nothing to find until control point and free motion together have gone as far as it holds.
+    Apart,
     /// Foot, outward normal, and the control points that the foot is interpolated from.
     Foot { foot: Vec3, normal: Vec3, weights: Weights },
 }
@@ -58,7 +77,7 @@ enum Seen {
 impl Default for Remembered {
     fn default() -> Self {
         // From nowhere: whatever the control point does, it has moved too far.
-        Self { x: Vec3::repeat(Real::INFINITY), holds_for: -1.0, surface: Seen::Nothing, at_edge: None, deep: false }
+        Self { x: Vec3::repeat(Real::INFINITY), holds_for: 0.0, surface: Seen::Nothing, at_edge: None, deep: false, leaves: 0 }
     }
 }
 
@@ -90,30 +109,45 @@ pub(super) fn project_control_points(
     pairs: &mut [Pair],
     bodies: &[BodyEntry],
     free: &[FreeMotion],
+    reach: &[Real],
     params: &Parameters,
     look: bool,
     contacts: &mut Vec<Contact>,
 ) {
     // Between two looks a foot and its tangent plane are carried along with `b`, for as far as a contact is seen coming.
     let carried = if look { -1.0 } else { params.contact_margin };
+    // Room for every control point that is coupled: how many of them are due at once may show long after a step has first met them.
+    let room = pairs.iter().map(|pair| pair.coupling.coupled.capacity()).sum();
     scratch.due.clear();
-    for (index, pair) in pairs.iter().enumerate().filter(|(_, pair)| pair.near) {
+    scratch.due.reserve(room);
+    scratch.learnt.reserve(room);
+    for (index, pair) in pairs.iter_mut().enumerate().filter(|(_, pair)| pair.near) {
+        let approach = reach[pair.a as usize] + reach[pair.b as usize];
+        if pair.coupling.coupled.is_empty() || pair.coupling.is_quiet(pair.a, pair.b, bodies, approach) {
+            continue;
+        }
         let Some(view) = View::of(pair, bodies, free, params) else { continue };
+        let slack = SLACK * view.skin_b.surface.spacing;
+        let first = scratch.due.len();
+        let mut quiet_for = Real::INFINITY;
         for coupled in groups(&pair.coupling.coupled) {
             let control_point = pair.coupling.coupled[coupled.start].control_point as usize;
             let (x, approach) = view.locate(pair, control_point);
             let known = &pair.remembered[control_point];
-            let approach = approach.norm();
-            let slack = EDGE_SLACK * view.skin_b.surface.spacing;
-            let passes_edge = known.at_edge.is_some_and(|rest| (view.at_rest(control_point) - rest).norm() > slack);
-            let holds = match known.surface {
-                Seen::Foot { .. } => (x - known.x).norm() <= known.holds_for.max(carried),
-                Seen::Nothing if known.holds_for < 0.0 => (x - known.x).norm() <= carried,
-                Seen::Nothing => (x - known.x).norm() + approach <= known.holds_for,
+            let (moved, approach) = ((x - known.x).norm(), approach.norm());
+            let left_at_edge = known.at_edge.map_or(Real::INFINITY, |rest| slack - (view.at_rest(control_point) - rest).norm());
+            let (left, sees) = match known.surface {
+                Seen::Foot { .. } => (known.holds_for.max(carried) - moved, true),
+                Seen::Nothing => (known.holds_for.max(carried) - moved, false),
+                Seen::Apart => (known.holds_for - moved - approach, false),
             };
-            if passes_edge || !holds {
+            if left_at_edge < 0.0 || left.is_nan() || left < 0.0 {
                 scratch.due.push(Due { pair: index as u32, coupled: coupled.start as u32..coupled.end as u32, x, approach });
             }
+            quiet_for = if sees { -1.0 } else { quiet_for.min(left).min(left_at_edge) };
+        }
+        if scratch.due.len() == first && quiet_for > 0.0 && pair.side_a.active.is_empty() {
+            pair.coupling.be_quiet(quiet_for, pair.a, pair.b, bodies);
         }
     }
     scratch.learnt.clear();
@@ -139,6 +173,9 @@ pub(super) fn project_control_points(
     contacts.clear();
     let mut learnt = scratch.due.iter().zip(scratch.learnt.drain(..)).peekable();
     for (index, pair) in pairs.iter_mut().enumerate().filter(|(_, pair)| pair.near) {
+        if pair.coupling.coupled.is_empty() || pair.coupling.sees_nothing() {
+            continue;
+        }
         let Some(view) = View::of(pair, bodies, free, params) else { continue };
         for coupled in groups(&pair.coupling.coupled) {
             let (start, control_point) = (coupled.start as u32, pair.coupling.coupled[coupled.start].control_point as usize);
@@ -146,7 +183,8 @@ pub(super) fn project_control_points(
             let projected = new.is_some();
             if let Some((_, new)) = new {
                 pair.coupling.deep |= new.deep;
-                pair.remembered[control_point] = new;
+                let known = &mut pair.remembered[control_point];
+                *known = Remembered { leaves: known.leaves, ..new };
             }
             contacts.extend(view.contact(pair, index as u32, &pair.coupling.coupled[coupled], projected));
         }
@@ -280,18 +318,20 @@ impl<'a> View<'a> {
     fn project(&self, pair: &Pair, due: &Due) -> Remembered {
         let (x, coupled) = (&due.x, &pair.coupling.coupled[due.coupled.start as usize..due.coupled.end as usize]);
         let control_point = coupled[0].control_point as usize;
-        let nothing = |holds_for: Real| Remembered { x: *x, holds_for, surface: Seen::Nothing, at_edge: None, deep: false };
         let (params, surface) = (self.params, &self.skin_b.surface);
+        let leaves = 0; // filled in by the caller
+        let slack = SLACK * surface.spacing;
+        let nothing = || Remembered { x: *x, holds_for: slack, surface: Seen::Nothing, at_edge: None, deep: false, leaves };
         let normal_a = self.turn_ba * self.skin_a.surface.control.normals[control_point];
         // Where faces meet, the one that the control point has least way to at rest is its own. Seen from where it is pressed to it would stay with a face that it has long passed.
         let at_edge = faces_meet(coupled, self.skin_b).then(|| self.at_rest(control_point));
         let Some((node_b, nearest)) = nearest_node(coupled, self.skin_b, at_edge.as_ref().unwrap_or(x), &normal_a) else {
-            return Remembered { deep: is_deep(coupled, self.skin_b, x), ..nothing(-1.0) };
+            return Remembered { deep: is_deep(coupled, self.skin_b, x), ..nothing() };
         };
         if let Some(rest) = &at_edge
             && self.is_past_edge(coupled, rest, nearest, &normal_a)
         {
-            return Remembered { at_edge, ..nothing(-1.0) };
+            return Remembered { at_edge, ..nothing() };
         }
         let leaf_b = surface.tree.nodes[node_b as usize].first_leaf as usize;
         // The plane of the nearest point is off by far less than a leaf gap: most control points can be told to be apart without a projection.
@@ -301,7 +341,7 @@ impl<'a> View<'a> {
         let border = Border::of(self.skin_b, node_b, &goal);
         let clear = plane_gap - params.contact_margin - border.gap;
         if clear > due.approach {
-            return nothing(clear.min(params.traversal_slack));
+            return Remembered { holds_for: clear, surface: Seen::Apart, ..nothing() };
         }
         // At an edge the projection keeps to the face that was chosen.
         let facing = if at_edge.is_some() { -surface.normals[nearest] } else { normal_a };
@@ -315,7 +355,7 @@ impl<'a> View<'a> {
             params.projection_tolerance,
             MOST_PROJECTIONS,
         );
-        let Some(q) = found else { return nothing(-1.0) };
+        let Some(q) = found else { return nothing() };
         // Artefacts of high curvature: a surface that does not face the control point, or a foot beyond the border of the leaf. So far beyond that only a row of points has
         // weight they do not say which way the surface lies, and the foot is not under the control point.
         let aside = |v: Vec3| (v - q.normal * q.normal.dot(&v)).norm();
@@ -324,16 +364,23 @@ impl<'a> View<'a> {
             || aside(surface.points[q.nearest] - q.point) > border_width
             || aside(x - q.point) > border_width
         {
-            return nothing(-1.0);
+            return nothing();
         }
         // Deep under a face that looks the other way, yet outside: the far side of something thin that a fast body is about to meet on its near side.
         if q.normal.dot(&(q.point - x)) > surface.spacing && is_outside(coupled, self.skin_b, x) {
-            return nothing(-1.0);
+            return nothing();
         }
         let weights = if pair.rigid_b { Weights::none() } else { surface.control_weights(&q.point, &q.normal, leaf_b) };
+        let holds_for = if pair.rigid_b { slack_of(params.projection_slack, q.curvature).min(slack) } else { params.projection_slack };
         let surface = Seen::Foot { foot: q.point, normal: q.normal, weights };
-        Remembered { x: *x, holds_for: params.projection_slack, surface, at_edge, deep: plane_gap < -DEEP * border.gap }
+        Remembered { x: *x, holds_for, surface, at_edge, deep: plane_gap < -DEEP * border.gap, leaves }
     }
+}
+
+/// How far a control point may go over a surface of this curvature (1/m) until its tangent plane is off by as much as after `slack` (m) over [`SLACK_RADIUS`]: an error of
+/// `slack^2 / (2 R)`. Only where the other surface does not yield: its displacement changes from place to place, whatever its shape.
+fn slack_of(slack: Real, curvature: Real) -> Real {
+    slack * (1.0 / (SLACK_RADIUS * curvature)).sqrt().clamp(1.0, 1e6)
 }
 
 /// Whether not all of the coupled leaves lie on one face.

@@ -4,8 +4,8 @@
 
 use super::coarse::{LEAST, Trees};
 use super::{Pair, deep};
-use crate::body::BodyEntry;
-use crate::math::{Mat3, Pose, Real, Vec3};
+use crate::body::{BodyEntry, Skin, Sphere};
+use crate::math::{Mat3, Pose, Real, Rot, Vec3};
 use crate::params::Parameters;
 use nalgebra::Point3;
 
@@ -31,15 +31,69 @@ pub struct Coupling {
     pub(super) deep: bool,
     /// Whether they were looked for since the nodes were found.
     searched: bool,
-    /// Pose of `a` in the frame of `b`, and how far the two surfaces had deformed, when they were found.
+    /// When they were found.
+    found: Moment,
+    /// Rotation of `a` against `b` when control points that nothing faced were last looked at anew because of it.
+    faced: Rot,
+    /// Since when, and for how far a motion (m), no control point has a chance to become a contact.
+    quiet: Option<(Moment, Real)>,
+}
+
+/// Pose of `a` in the frame of `b`, and how far the two surfaces had deformed (m), at some time.
+#[derive(Debug, Clone, Copy)]
+struct Moment {
     pose_ba: Pose,
     travel: Real,
 }
 
+impl Moment {
+    /// Of the step under way.
+    fn now(a: u32, b: u32, bodies: &[BodyEntry]) -> Self {
+        let (a, b) = (&bodies[a as usize], &bodies[b as usize]);
+        let travel = |entry: &BodyEntry| entry.skin.as_ref().map_or(0.0, |skin| skin.travel);
+        let pose_ba = b.body.link_pose(b.skin_link).inverse() * a.body.link_pose(a.skin_link);
+        Self { pose_ba, travel: travel(a) + travel(b) }
+    }
+
+    /// How far any point of `a`, within the sphere `root` of its frame, has moved against `b` since `old` at most, m.
+    fn moved_since(&self, old: &Self, root: &Sphere) -> Real {
+        let center = Point3::from(root.center);
+        (self.pose_ba * center - old.pose_ba * center).norm()
+            + old.pose_ba.rotation.angle_to(&self.pose_ba.rotation) * root.radius
+            + (self.travel - old.travel)
+    }
+}
+
+impl Coupling {
+    /// Whether no control point can have become a contact, though the free motion may take the two nearer to each other by `approach`, m.
+    pub(super) fn is_quiet(&mut self, a: u32, b: u32, bodies: &[BodyEntry], approach: Real) -> bool {
+        let (Some((since, reach)), Some(skin_a)) = (&self.quiet, bodies[a as usize].active_skin()) else { return false };
+        let quiet = Moment::now(a, b, bodies).moved_since(since, &skin_a.spheres[0]) + approach <= *reach;
+        if !quiet {
+            self.quiet = None;
+        }
+        quiet
+    }
+
+    /// From now on, and until the two have moved by `reach` (m) or are coupled anew, no control point can become a contact.
+    pub(super) fn be_quiet(&mut self, reach: Real, a: u32, b: u32, bodies: &[BodyEntry]) {
+        self.quiet = Some((Moment::now(a, b, bodies), reach));
+    }
+
+    /// Whether the last look found that no control point can become a contact.
+    pub(super) fn sees_nothing(&self) -> bool {
+        self.quiet.is_some()
+    }
+}
+
+/// Turned by more than this against each other, other points of two surfaces may face each other, rad.
+const TURNED: Real = 0.02;
+
 impl Default for Coupling {
     /// Nothing found yet.
     fn default() -> Self {
-        Self { coupled: Vec::new(), margin: -1.0, deep: false, searched: false, pose_ba: Pose::identity(), travel: 0.0 }
+        let found = Moment { pose_ba: Pose::identity(), travel: 0.0 };
+        Self { coupled: Vec::new(), margin: -1.0, deep: false, searched: false, found, faced: Rot::identity(), quiet: None }
     }
 }
 
@@ -65,23 +119,32 @@ impl Traversal {
 pub(super) fn traverse(out: &mut Traversal, pair: &mut Pair, bodies: &[BodyEntry], reach: &[Real], params: &Parameters) {
     let (entry_a, entry_b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
     let (Some(skin_a), Some(skin_b)) = (entry_a.active_skin(), entry_b.active_skin()) else { return };
-    let (tree_a, tree_b) = (&skin_a.surface.tree, &skin_b.surface.tree);
-    let pose_ba: Pose = entry_b.body.link_pose(entry_b.skin_link).inverse() * entry_a.body.link_pose(entry_a.skin_link);
-    let (turn, shift): (Mat3, Vec3) = (pose_ba.rotation.to_rotation_matrix().into_inner(), pose_ba.translation.vector);
+    let now = Moment::now(pair.a, pair.b, bodies);
     let needed = params.contact_margin + reach[pair.a as usize] + reach[pair.b as usize];
-    let travel = skin_a.travel + skin_b.travel;
-
     let coupling = &mut pair.coupling;
-    let (old, root) = (&coupling.pose_ba, &skin_a.spheres[0]);
-    let moved = (pose_ba * Point3::from(root.center) - old * Point3::from(root.center)).norm()
-        + old.rotation.angle_to(&pose_ba.rotation) * root.radius
-        + (travel - coupling.travel);
+    let moved = now.moved_since(&coupling.found, &skin_a.spheres[0]);
     if needed + moved <= coupling.margin && (coupling.searched || !coupling.deep) {
         return;
     }
-    let margin = needed + params.traversal_slack;
-    *coupling =
-        Coupling { coupled: std::mem::take(&mut coupling.coupled), margin, deep: coupling.deep, searched: coupling.deep, pose_ba, travel };
+    (coupling.margin, coupling.searched, coupling.found, coupling.quiet) = (needed + params.traversal_slack, coupling.deep, now, None);
+    couple(out, pair, skin_a, skin_b);
+    let turned = pair.coupling.faced.angle_to(&now.pose_ba.rotation) > TURNED;
+    if turned {
+        pair.coupling.faced = now.pose_ba.rotation;
+    }
+    for group in pair.coupling.coupled.chunk_by(|c, d| c.control_point == d.control_point) {
+        // FNV-1a over the leaves; 0 stands for none.
+        let leaves = group.iter().fold(0x811c_9dc5, |hash: u32, c| (hash ^ c.node_b).wrapping_mul(0x0100_0193));
+        pair.remembered[group[0].control_point as usize].coupled_anew(leaves.max(1), turned);
+    }
+}
+
+/// Finds the coupled nodes anew.
+fn couple(out: &mut Traversal, pair: &mut Pair, skin_a: &Skin, skin_b: &Skin) {
+    let (tree_a, tree_b) = (&skin_a.surface.tree, &skin_b.surface.tree);
+    let coupling = &mut pair.coupling;
+    let (pose_ba, margin) = (coupling.found.pose_ba, coupling.margin);
+    let (turn, shift): (Mat3, Vec3) = (pose_ba.rotation.to_rotation_matrix().into_inner(), pose_ba.translation.vector);
     coupling.coupled.clear();
     let out_coupled = &mut coupling.coupled;
     let (mut coarse, mut tests) = (false, 0);

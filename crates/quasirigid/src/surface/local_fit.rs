@@ -102,14 +102,16 @@ impl Moments {
         let (weight, first, square, mixed) = (self.weight.sum(), self.first.sum(), self.square.sum(), self.mixed.sum());
         let moment = Mat3::new(square.x, mixed.x, mixed.y, mixed.x, square.y, mixed.z, mixed.y, mixed.z, square.z);
         let scatter = moment - first * first.transpose() / weight;
-        let mean_normal = self.normal.sum().try_normalize(0.1 * weight)?;
+        let normals = self.normal.sum();
+        let mean_normal = normals.try_normalize(0.1 * weight)?;
         // Too few or badly placed points can make a plane that stands across the stored normals: then those know better.
         let normal = match smallest_eigenvector(&scatter).map(|n| (n, n.dot(&mean_normal))) {
             Some((n, along)) if along > 0.5 => n,
             Some((n, along)) if along < -0.5 => -n,
             _ => mean_normal,
         };
-        Some(Fit { plane: -normal.dot(&first) / weight, hermite: -self.hermite.sum() / weight, normal })
+        let spread = (1.0 - normals.norm() / weight).max(0.0);
+        Some(Fit { plane: -normal.dot(&first) / weight, hermite: -self.hermite.sum() / weight, normal, spread })
     }
 }
 
@@ -119,6 +121,8 @@ pub(crate) struct Fit {
     pub plane: Real,
     pub hermite: Real,
     pub normal: Vec3,
+    /// By how much the mean of the normals is shorter than they are: 0 for a plane.
+    pub spread: Real,
 }
 
 impl Fit {

@@ -52,6 +52,8 @@ pub struct Projection {
     pub point: Vec3,
     /// Unit outward normal of the surface there.
     pub normal: Vec3,
+    /// About the root of the sum of squares of the two principal curvatures there, 1/m: 0 for a plane, with rounding.
+    pub curvature: Real,
     /// Index of the candidate nearest to `point` (of those that face the query, if a direction was given).
     pub nearest: usize,
     /// Evaluations of the surface that it took; `max_iterations` may mean that the tolerance was not reached.
@@ -138,7 +140,9 @@ pub fn project(
         // The error shrinks by about the same factor every time, so that of `foot` can be foretold: one evaluation less.
         let next = distance * distance / last;
         if distance.abs().min(next) < tolerance || iterations >= max_iterations {
-            return Some(Projection { point: foot, normal: fit.normal, nearest, iterations });
+            // Of normals (-k1 u, -k2 v, 1) with E[u^2] = E[v^2] = h^2/2 the mean is shorter by (k1^2 + k2^2) h^2/4.
+            let curvature = 2.0 * fit.spread.sqrt() / kernel.bandwidth();
+            return Some(Projection { point: foot, normal: fit.normal, curvature, nearest, iterations });
         }
         last = distance.abs();
         y = foot;
