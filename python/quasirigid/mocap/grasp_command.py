@@ -191,7 +191,10 @@ def _panel(result: MocapResult) -> Panel:
     verdict = (
         "[bold green]held[/bold green]" if s["held"] else "[bold red]dropped[/bold red]" if s["dropped"] else "[bold]not lifted[/bold]"
     )
-    where = f"[dim]summary and recording in[/dim] {escape(str(result.summary_file.parent))}"
+    if not s["fingers"]:
+        of = "thumb, index, middle finger and palm" if s["coupling"] == "hand" else "a finger"
+        notes.append(f"[yellow]note[/yellow] the session begins when the tracker sees {of}; `quasirigid mocap monitor` shows what comes")
+    where = f"[dim]summary{'' if result.recording is None else ' and recording'} in[/dim] {escape(str(result.summary_file.parent))}"
     colour = "green" if s["held"] else "red" if s["dropped"] else "yellow"
     return Panel(Group(verdict, "", table, "", *notes, where), title="grasp", title_align="left", border_style=colour, expand=False)
 

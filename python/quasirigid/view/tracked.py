@@ -6,7 +6,7 @@ import numpy as np
 import viser
 
 from quasirigid.palette import FINGER_COLOURS
-from quasirigid.view.draw import LinePool
+from quasirigid.view.parts import LinePool
 from quasirigid.view.pressure import rgb
 from quasirigid.view.scene import SceneState, TrackedHand
 
