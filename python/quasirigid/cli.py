@@ -219,8 +219,13 @@ def grasp(
         ),
     ] = None,
     idle: Annotated[
-        float, typer.Option(metavar="SECONDS", help="The session ends when nothing has come for so long.", rich_help_panel=MOCAP)
-    ] = 3.0,
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="The session ends when nothing has come for so long. Default: 3, for webxr 60: one may take the headset off.",
+            rich_help_panel=MOCAP,
+        ),
+    ] = None,
     feedback: Annotated[
         list[str] | None,
         typer.Option(
@@ -265,7 +270,6 @@ def grasp(
             delay=delay,
             hold=loss_hold,
             fade=loss_fade,
-            idle=idle,
         )
         with _terminable():
             grasp_mocap(
@@ -277,6 +281,7 @@ def grasp(
                 place=place,
                 certificate=certificate,
                 key=key,
+                idle=idle,
                 out=out,
                 record=record,
                 feedback=feedback or (),

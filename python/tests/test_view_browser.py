@@ -253,13 +253,14 @@ def test_pads_in_the_page_are_deformed_as_in_the_engine_to_a_hundredth_of_a_mill
     state, model = frame(live).state, frame(live).model
     play = live.session._play
     worst, deepest = 0.0, 0.0
-    pads = last["/hand/pads"].astype(float)  # those of all fingers, one after another, in world axes
+    pads = last["/hand/pads"].astype(float)  # of all fingers, in world axes
+    assert live._drawing is not None
+    assert live._drawing._pads is not None
+    rows = live._drawing._pads.rows
     assert len(pads) == sum(len(model.bodies[tip].points) for tip in model.fingertips())
-    first = 0
     for finger, tip in enumerate(model.fingertips()):
         rest = rotate(state.quaternions[tip], model.bodies[tip].points) + state.positions[tip]
-        shown = pads[first : first + len(rest)]
-        first += len(rest)
+        shown = pads[rows[finger]]
         worst = max(worst, float(np.abs(shown - play.hand.deformed_points(finger)).max()))
         deepest = max(deepest, float(np.abs(shown - rest).max()))
     assert deepest > 5e-4, deepest  # the pads are pressed in by half a millimetre at least

@@ -23,7 +23,7 @@ from quasirigid.mocap.options import MocapOptions
 from quasirigid.mocap.session import OBSERVED, MocapResult, run_mocap
 from quasirigid.mocap.springs import Springs
 from quasirigid.mocap.stream import NetworkSource, open_source
-from quasirigid.webxr import PORT, Placement, XrServer
+from quasirigid.webxr import IDLE, PORT, Placement, XrServer
 from quasirigid.webxr.pages import LOCAL
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ def grasp_mocap(
     place: str | None,
     certificate: Path | None,
     key: Path | None,
+    idle: float | None,
     out: Path,
     record: Path | None,
     feedback: Sequence[str] = (),
@@ -51,11 +52,12 @@ def grasp_mocap(
     as_json: bool,
 ) -> None:
     """Run a session and print what became of it."""
-    mocap = replace(mocap, calibration=None if calibration is None else Calibration.read(calibration))
+    kind, _, port = source.partition(":")
+    patience = idle if idle is not None else IDLE if kind == "webxr" else mocap.idle
+    mocap = replace(mocap, calibration=None if calibration is None else Calibration.read(calibration), idle=patience)
     mocap.check()
     sinks = [open_feedback(text, rate=feedback_rate) for text in feedback]
     observed = max(OBSERVED, feedback_rate)
-    kind, _, port = source.partition(":")
     try:
         if kind == "webxr":
             if calibration is not None or mocap.bodies is not None:

@@ -17,7 +17,7 @@ BACK_SAGITTA = 1e-4
 """The same for the backs of pads, which are decoration, m."""
 PLANE = 0.02
 """A plane part of a surface has at least this share of its points."""
-VERTEX_CACHE = 12
+VERTEX_CACHE = 24
 """Vertices that whoever draws the triangles keeps at hand, about."""
 FLAT = 0.999
 """Normals whose cosine with their mean is above this all belong to one plane."""

@@ -29,6 +29,8 @@ from quasirigid.webxr.placement import Placement
 from quasirigid.webxr.wire import SceneWire
 
 PORT = 8082
+IDLE = 60.0
+"""For so long a session waits for hands that have gone: a headset is taken off, a page loaded again, s."""
 STATES = 40.0
 """States sent per second, at most."""
 CLIENTS = 8
@@ -266,8 +268,8 @@ class XrServer:
             self._writer = None
             self._frame(LOST, self._last + 1e-3)
         if self._writer is None:
-            # The clock of another page began elsewhere; the tracker's must go on.
-            self._writer, self._shift = connection, now - moment
+            # The clock of another page began elsewhere; the tracker's must go on, and come after the frame without a hand.
+            self._writer, self._shift = connection, max(now, self._last + 2e-3) - moment
         self._stand(connection, yours=self._writer is connection)
         if self._writer is not connection:
             self._count("refused")

@@ -43,7 +43,18 @@ const status = {
   frameTimes: new Float32Array(TIMED), // ms of script, the newest at `frames - 1` modulo TIMED
   updateTimes: new Float32Array(TIMED),
 };
-window.quasirigid = { drawing, board, floor, status, camera, scene, renderer };
+window.quasirigid = {
+  drawing,
+  board,
+  floor,
+  status,
+  camera,
+  scene,
+  renderer,
+  get socket() {
+    return socket;
+  },
+};
 
 function timed(times, count, began) {
   times[count % TIMED] = performance.now() - began;
