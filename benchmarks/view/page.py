@@ -26,27 +26,81 @@ from quasirigid.grasp_options import GraspOptions
 from quasirigid.view.play import Play
 from quasirigid.view.server import LiveView
 
-COUNT_FRAMES = "window.frames_ = 0; (function next() { window.frames_ += 1; requestAnimationFrame(next) })()"
+COUNT_DRAWING = """
+window.work_ = {frames: 0, drawn: 0, calls: 0, triangles: 0};
+let calls = 0;
+for (const [name, at, many] of [['drawElements', 1], ['drawArrays', 2], ['drawElementsInstanced', 1, 4], ['drawArraysInstanced', 2, 3]]) {
+  const draw = WebGL2RenderingContext.prototype[name];
+  WebGL2RenderingContext.prototype[name] = function(...a) {
+    calls += 1;
+    if (a[0] === this.TRIANGLES) window.work_.triangles += a[at] / 3 * (many ? a[many] : 1);
+    return draw.apply(this, a);
+  };
+}
+(function next() {
+  window.work_.frames += 1;
+  if (calls) { window.work_.drawn += 1; window.work_.calls += calls; calls = 0; }
+  requestAnimationFrame(next);
+})()
+"""
+"""Counts, in the page: frames of the browser, those of them in which the scene was drawn, draw calls and triangles in these."""
+TICKS = os.sysconf("SC_CLK_TCK")
+
+
+def browser_seconds() -> dict[str, float]:
+    """CPU time so far, s, of the processes of our browser by their kind (``"gpu-process"``, ``"renderer"``, ``"browser"`` ...). Linux only."""
+    parents: dict[int, int] = {}
+    spent: dict[int, tuple[str, float]] = {}
+    for path in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (path / "stat").read_text().rsplit(")", 1)[1].split()
+            arguments = (path / "cmdline").read_bytes().decode(errors="replace").replace("\0", " ")
+        except (OSError, IndexError):
+            continue  # it ended meanwhile
+        parents[int(path.name)] = int(fields[1])
+        if "chrom" in arguments:
+            kind = arguments.split("--type=")[1].split()[0] if "--type=" in arguments else "browser"
+            spent[int(path.name)] = (kind, (int(fields[11]) + int(fields[12])) / TICKS)
+    total: dict[str, float] = {}
+    for process, (kind, seconds) in spent.items():
+        above = process
+        while above in parents and above != os.getpid():
+            above = parents[above]
+        if above == os.getpid():
+            total[kind] = total.get(kind, 0.0) + seconds
+    return total
 
 
 def measure(live: LiveView, page: Any | None, seconds: float) -> dict[str, float]:
     """Rates over the next ``seconds``."""
     began, updates, cpu = time.perf_counter(), live.updates, live.update_time
-    frames = page.evaluate("window.frames_") if page else 0
+    work = page.evaluate("window.work_") if page else {}
+    spent = browser_seconds() if page else {}
     simulated = live.session.newest()[1].state.time
     if page:
         page.wait_for_timeout(1e3 * seconds)
     else:
         time.sleep(seconds)
-    drawn = (page.evaluate("window.frames_") if page else 0) - frames
     span = time.perf_counter() - began
     count = live.updates - updates
-    return {
+    result = {
         "updates_per_s": count / span,
         "cpu_ms_per_update": 1e3 * (live.update_time - cpu) / max(1, count),
-        "page_frames_per_s": drawn / span,
         "real_time_factor": (live.session.newest()[1].state.time - simulated) / span,
     }
+    if page:
+        done = {name: value - work[name] for name, value in page.evaluate("window.work_").items()}
+        drawn = max(1, done["drawn"])
+        after = browser_seconds()
+        result |= {
+            "page_frames_per_s": done["frames"] / span,
+            "drawn_frames_per_s": done["drawn"] / span,
+            "draw_calls_per_frame": done["calls"] / drawn,
+            "triangles_per_frame": done["triangles"] / drawn,
+            "gpu_process_ms_per_frame": 1e3 * (after.get("gpu-process", 0.0) - spent.get("gpu-process", 0.0)) / drawn,
+            "renderer_ms_per_frame": 1e3 * (after.get("renderer", 0.0) - spent.get("renderer", 0.0)) / drawn,
+        }
+    return result
 
 
 def main() -> None:
@@ -55,11 +109,12 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print JSON and nothing else")
     parser.add_argument("--width", type=int, default=1200)
     parser.add_argument("--height", type=int, default=720)
+    parser.add_argument("--port", type=int, default=8400)
     parser.add_argument("--no-page", action="store_true", help="server and simulation alone, no browser")
     given = parser.parse_args()
     options = GraspOptions()
     began = time.perf_counter()
-    live = LiveView(Play(options), options, port=8400)
+    live = LiveView(Play(options), options, port=given.port)
     live.start()
     results: dict[str, Any] = {"server_ready_s": time.perf_counter() - began, "load_average": os.getloadavg()[0]}
 
@@ -88,11 +143,10 @@ def main() -> None:
     else:
         with running_browser() as browser:
             began = time.perf_counter()
-            with open_page(browser, live.server.get_port()) as page:
+            with open_page(browser, live.server.get_port(), lambda page: page.add_init_script(COUNT_DRAWING)) as page:
                 page.set_viewport_size({"width": given.width, "height": given.height})
                 page.get_by_role("button", name="Run", exact=True).wait_for()
                 results["page_ready_s"] = time.perf_counter() - began
-                page.evaluate(COUNT_FRAMES)
                 page.wait_for_timeout(2000)
                 spans(page)
     live.stop()

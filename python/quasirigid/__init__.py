@@ -35,12 +35,14 @@ from quasirigid.errors import (
     MissingPackageError,
     ObjectFileError,
     QuasirigidError,
+    RecordingError,
     SurfaceWarning,
     UnknownNameError,
 )
 from quasirigid.grasp_plan import GraspPlan, HandGeometry, plan_grasp
 from quasirigid.objects import ObjectGeometry, load_object
-from quasirigid.recording import Column, Recorder, Recording
+from quasirigid.recorder import Recorder
+from quasirigid.recording import Column, Recording
 from quasirigid.scene_recording import SceneRecording
 from quasirigid.solver import ContactProblem, solve_contacts
 from quasirigid.view import open_view as view
@@ -74,6 +76,7 @@ __all__ = [
     "QuasirigidError",
     "Recorder",
     "Recording",
+    "RecordingError",
     "SceneRecording",
     "StepReport",
     "Surface",

@@ -267,6 +267,11 @@ class HandModel:
         """The built-in hand: a thumb (finger 0) and two fingers that oppose it, 4 joints each
         (abduction, proximal, middle, distal). Hand frame: origin in the palm, fingers along -z, closing along x.
         """
+    def with_gains(self, stiffness: float, damping: float) -> HandModel:
+        """The same hand with the stiffness and the damping of all position controllers multiplied by these factors.
+
+        Raises ``InvalidValueError`` for a factor that is negative or not finite.
+        """
     @property
     def name(self) -> str: ...
     @property
@@ -842,7 +847,7 @@ class Take:
     def read(path: str | PathLike[str]) -> Take:
         """Read a take, compressed (gzip) or not, or packets that were captured elsewhere. Raises ``CaptureFileError``."""
     @staticmethod
-    def pinch(*, seed: int = 1, rate: float = 60.0, noise: float = 3e-4, tremor: float = 1.5e-4) -> Take:
+    def pinch(*, seed: int = 1, rate: float = 60.0, noise: float = 3e-4, tremor: float = 1.5e-4, side: HandSide = "right") -> Take:
         """A made-up right hand that pinches the box of the scene ``grasp``, lifts it by 10 cm, turns it by 30 degrees and puts it down, in 10 s.
 
         ``rate`` Hz; ``noise`` m, standard deviation; ``tremor`` m. The middle finger is lost for 0.2 s. Same seed, same take.

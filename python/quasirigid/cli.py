@@ -160,6 +160,39 @@ def grasp(
     coupling: Annotated[
         str, typer.Option(help="tips: a pad on springs for each tracked finger; hand: the three-finger hand.", rich_help_panel=MOCAP)
     ] = "tips",
+    spring: Annotated[
+        float | None, typer.Option(metavar="N_PER_M", help="Stiffness from tracked tip to pad. Default: 600.", rich_help_panel=MOCAP)
+    ] = None,
+    damping: Annotated[
+        float | None, typer.Option(metavar="N_S_PER_M", help="Damping of that spring. Default: 8.", rich_help_panel=MOCAP)
+    ] = None,
+    spring_rotation: Annotated[
+        float | None, typer.Option(metavar="N_M_PER_RAD", help="The same for rotation. Default: 0.5.", rich_help_panel=MOCAP)
+    ] = None,
+    damping_rotation: Annotated[
+        float | None, typer.Option(metavar="N_M_S_PER_RAD", help="Damping of rotation. Default: 0.01.", rich_help_panel=MOCAP)
+    ] = None,
+    joint_stiffness: Annotated[
+        float | None,
+        typer.Option(
+            metavar="FACTOR", help="--coupling hand: on the stiffness of the joint controllers. Default: 1.", rich_help_panel=MOCAP
+        ),
+    ] = None,
+    joint_damping: Annotated[
+        float | None, typer.Option(metavar="FACTOR", help="--coupling hand: on their damping. Default: 1.", rich_help_panel=MOCAP)
+    ] = None,
+    delay: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="How far in the past the hand is shown; 0 predicts. Default: fits the stream, at most 0.1.",
+            rich_help_panel=MOCAP,
+        ),
+    ] = None,
+    loss_hold: Annotated[
+        float, typer.Option(metavar="SECONDS", help="How long a finger that is not seen keeps its force.", rich_help_panel=MOCAP)
+    ] = 0.5,
+    loss_fade: Annotated[float, typer.Option(metavar="SECONDS", help="How long it then takes to go limp.", rich_help_panel=MOCAP)] = 0.5,
     calibration: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Where the tracker is; see `quasirigid mocap calibrate`.", rich_help_panel=MOCAP)
     ] = None,
@@ -186,13 +219,18 @@ def grasp(
         ),
     ] = None,
     idle: Annotated[
-        float, typer.Option(metavar="SECONDS", help="The session ends when nothing has come for so long.", rich_help_panel=MOCAP)
-    ] = 3.0,
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="The session ends when nothing has come for so long. Default: 3, for webxr 60: one may take the headset off.",
+            rich_help_panel=MOCAP,
+        ),
+    ] = None,
     feedback: Annotated[
         list[str] | None,
         typer.Option(
             metavar="TARGET",
-            help="Send what the fingers feel: udp:HOST:PORT (JSON) or tfb:HOST (tactile thimbles); may be given several times.",
+            help="Send what the fingers feel: udp:HOST:PORT (JSON), ws:PORT (JSON to websockets that connect) or tfb:HOST (tactile thimbles); may be given several times.",
             rich_help_panel=MOCAP,
         ),
     ] = None,
@@ -219,17 +257,27 @@ def grasp(
         seed=seed,
     )
     if mocap is not None:
-        from quasirigid.mocap.grasp_command import grasp_mocap
+        from quasirigid.mocap.grasp_command import coupled, grasp_mocap
+        from quasirigid.mocap.options import MocapOptions
 
+        springs, gains = coupled(coupling, spring, spring_rotation, damping, damping_rotation, joint_stiffness, joint_damping)
+        tracked = MocapOptions(
+            side=hand,  # type: ignore[arg-type]  # checked by MocapOptions.check
+            coupling=coupling,  # type: ignore[arg-type]
+            bodies=tracked_bodies,
+            springs=springs,
+            gains=gains,
+            delay=delay,
+            hold=loss_hold,
+            fade=loss_fade,
+        )
         with _terminable():
             grasp_mocap(
                 options,
                 mocap,
+                tracked,
                 bind=bind,
-                side=hand,
-                coupling=coupling,
                 calibration=calibration,
-                bodies=tracked_bodies,
                 place=place,
                 certificate=certificate,
                 key=key,
@@ -238,6 +286,7 @@ def grasp(
                 record=record,
                 feedback=feedback or (),
                 feedback_rate=feedback_rate,
+                view=view,
                 as_json=as_json,
             )
         return

@@ -15,6 +15,7 @@ __all__ = [
     "MissingPackageError",
     "ObjectFileError",
     "QuasirigidError",
+    "RecordingError",
     "SurfaceWarning",
     "UnknownNameError",
 ]
@@ -76,6 +77,10 @@ class ObjectFileError(QuasirigidError, OSError):
 
 class CaptureFileError(QuasirigidError, OSError):
     """A motion capture file (take, calibration, body map) that is missing, unreadable or has nothing in it."""
+
+
+class RecordingError(QuasirigidError, OSError):
+    """A recording that cannot be written: the disk is full, the place is read-only, the file is in use."""
 
 
 class NetworkError(QuasirigidError, OSError):

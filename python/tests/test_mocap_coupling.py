@@ -8,7 +8,8 @@ import pytest
 from quasirigid import mocap
 from quasirigid.grasp import GRAVITY, Stage
 from quasirigid.grasp_options import GraspOptions
-from quasirigid.mocap.coupling import PAD_MASS, TipCoupling, _product, _rotation_vector
+from quasirigid.mocap.coupling import PAD_MASS, TipCoupling
+from quasirigid.mocap.turns import product, rotation_vector
 from quasirigid.summary import FloatArray, conjugate, rotate
 
 FROM, TO = 1.6, 5.9
@@ -89,7 +90,7 @@ def pulls(coupling: TipCoupling, aims: tuple[FloatArray, FloatArray]) -> tuple[F
     """Stretches of the springs now, (n, 3) m and rad."""
     linear = aims[0] - np.array([pad.position for pad in coupling.pads])
     turns = zip(aims[1], coupling.pads, strict=True)
-    return linear, np.array([_rotation_vector(_product(turn, conjugate(pad.quaternion))) for turn, pad in turns])
+    return linear, np.array([rotation_vector(product(turn, conjugate(pad.quaternion))) for turn, pad in turns])
 
 
 def hand_work(
@@ -104,7 +105,7 @@ def hand_work(
     v = targets.linear_velocities[rows] + np.cross(omega, arms[rows])
     slip = v - np.array([pad.linear_velocity for pad in coupling.pads])
     twist = omega - np.array([pad.angular_velocity for pad in coupling.pads])
-    turned = np.array([_rotation_vector(_product(b, conjugate(a))) for a, b in zip(before[1], aims[1], strict=True)])
+    turned = np.array([rotation_vector(product(b, conjugate(a))) for a, b in zip(before[1], aims[1], strict=True)])
     springs = k * np.sum(linear * (aims[0] - before[0])) + kr * np.sum(angular * turned)
     return float(springs + d * DT * np.sum(slip * v) + dr * DT * np.sum(twist * omega))
 

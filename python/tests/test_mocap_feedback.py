@@ -5,16 +5,25 @@ from __future__ import annotations
 import json
 import re
 import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 import pytest
+from websockets import ConnectionClosed, InvalidStatus, Origin
+from websockets.sync.client import connect
 
-from quasirigid.errors import InvalidValueError
+from quasirigid.errors import InvalidValueError, NetworkError
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap import Take, shipped_take
-from quasirigid.mocap.feedback import Feedback, TfbSink
-from quasirigid.mocap.session import Look, MocapOptions, run_mocap
+from quasirigid.mocap.feedback import TfbSink, open_feedback
+from quasirigid.mocap.feedback_server import LISTENERS, WebsocketFeedback
+from quasirigid.mocap.look import Look
+from quasirigid.mocap.options import MocapOptions
+from quasirigid.mocap.session import run_mocap
 from quasirigid.mocap.stream import TakeSource
 
 
@@ -46,8 +55,8 @@ def test_thimbles_are_told_in_the_vendors_format() -> None:
 def test_forces_and_slip_come_over_the_socket_at_the_rate_asked_for(tmp_path: Path) -> None:
     with listener() as ear, listener() as thimbles:
         sinks = [
-            Feedback(f"udp:127.0.0.1:{ear.getsockname()[1]}", rate=25.0),
-            Feedback(f"tfb:127.0.0.1:{thimbles.getsockname()[1]}", rate=25.0),
+            open_feedback(f"udp:127.0.0.1:{ear.getsockname()[1]}", rate=25.0),
+            open_feedback(f"tfb:127.0.0.1:{thimbles.getsockname()[1]}", rate=25.0),
         ]
         whole = shipped_take()
         whole.write(tmp_path / "whole.take")
@@ -71,10 +80,121 @@ def test_forces_and_slip_come_over_the_socket_at_the_rate_asked_for(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    "text", ["", "udp", "udp:127.0.0.1", "udp::9000", "udp:127.0.0.1:0", "udp:127.0.0.1:70000", "tcp:127.0.0.1:9000", "tfb:"]
+    "text",
+    [
+        "",
+        "udp",
+        "udp:127.0.0.1",
+        "udp::9000",
+        "udp:127.0.0.1:0",
+        "udp:127.0.0.1:70000",
+        "tcp:127.0.0.1:9000",
+        "tfb:",
+        "ws",
+        "ws:",
+        "ws:0",
+        "ws:x",
+        "ws::9001",
+        "ws:127.0.0.1:",
+    ],
 )
 def test_targets_that_are_none_are_refused(text: str) -> None:
     with pytest.raises(InvalidValueError, match="feedback"):
-        Feedback(text)
+        open_feedback(text)
     with pytest.raises(InvalidValueError, match="rate"):
-        Feedback("udp:127.0.0.1:9", rate=float("nan"))
+        open_feedback("udp:127.0.0.1:9", rate=float("nan"))
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
+@pytest.fixture
+def spoken() -> Iterator[WebsocketFeedback]:
+    feedback = WebsocketFeedback(f"ws:{free_port()}", rate=1000.0)
+    yield feedback
+    feedback.close()
+
+
+def url(feedback: WebsocketFeedback) -> str:
+    return f"ws://127.0.0.1:{feedback.address[1]}"
+
+
+def test_listeners_on_websockets_hear_what_goes_over_udp(tmp_path: Path) -> None:
+    with listener() as ear:
+        port = free_port()
+        sinks = [open_feedback(f"udp:127.0.0.1:{ear.getsockname()[1]}", rate=25.0), open_feedback(f"ws:{port}", rate=25.0)]
+        told: list[list[str]] = [[], []]
+
+        def listen(lines: list[str]) -> None:
+            with connect(f"ws://127.0.0.1:{port}") as socket:
+                ready.release()
+                lines.extend(str(line) for line in socket)
+
+        ready = threading.Semaphore(0)
+        ears = [threading.Thread(target=listen, args=(lines,)) for lines in told]
+        for thread in ears:
+            thread.start()
+        for _ in ears:
+            assert ready.acquire(timeout=20.0)
+        for k in range(50):
+            for sink in sinks:
+                sink(look(0.04 * k, (0.1 * k, 0.0, 1.0)))
+            time.sleep(0.01)
+        over_udp = [packet.decode() for packet in heard(ear)]
+        for sink in sinks:
+            sink.close()
+        for thread in ears:
+            thread.join(timeout=20.0)
+            assert not thread.is_alive(), "the end of the session ends the connection"
+    assert len(over_udp) == 50
+    for lines in told:
+        # A listener that is busy misses some; what it hears is the same, in order, and the newest is always among it.
+        assert len(lines) > 10, len(lines)
+        assert [line for line in over_udp if line in lines] == lines
+        assert lines[-1] == over_udp[-1]
+    assert sinks[1].story().endswith("2 listeners")
+
+
+def test_a_listener_that_takes_nothing_holds_nobody_up(spoken: WebsocketFeedback) -> None:
+    with connect(url(spoken)) as good, socket.create_connection(("127.0.0.1", spoken.address[1])) as bad:
+        # The handshake, and then nothing is read any more: the buffers fill.
+        bad.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        key = "dGhlIHNhbXBsZSBub25jZQ=="
+        head = f"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: {key}\r\n"
+        bad.sendall(f"{head}Sec-WebSocket-Version: 13\r\n\r\n".encode())
+        slowest, last = 0.0, 0.0
+        end = time.monotonic() + 60.0
+        while spoken.listeners < 2 and time.monotonic() < end:
+            time.sleep(0.01)
+        for k in range(20_000):
+            began = time.thread_time()
+            spoken(look(1e-3 * k, (1.0, 2.0, 3.0)))
+            slowest = max(slowest, time.thread_time() - began)
+        spoken(look(100.0, (1.0, 2.0, 3.0)))
+        while last < 100.0 and time.monotonic() < end:
+            last = json.loads(good.recv(timeout=20.0))["time"]
+        assert last == 100.0, "the other listener hears the newest"
+    began = time.monotonic()
+    spoken.close()
+    assert time.monotonic() - began < 9.0, "nor is the end held up"
+
+
+def test_pages_from_elsewhere_may_not_listen(spoken: WebsocketFeedback) -> None:
+    for origin in ("http://localhost:8000", "http://127.0.0.1"):
+        connect(url(spoken), origin=Origin(origin)).close()
+    for origin in ("https://example.org", "null", "http://127.0.0.1.example.org"):
+        with pytest.raises(InvalidStatus, match="403"):
+            connect(url(spoken), origin=Origin(origin))
+    with connect(url(spoken)) as rude:
+        rude.send("x" * 100_000)
+        with pytest.raises(ConnectionClosed):
+            rude.recv(timeout=20.0)
+    with ExitStack() as many:
+        for _ in range(LISTENERS):
+            many.enter_context(connect(url(spoken)))
+        with pytest.raises(InvalidStatus, match="503"):
+            connect(url(spoken))
+    with pytest.raises(NetworkError, match="port"):
+        WebsocketFeedback(f"ws:{spoken.address[1]}")

@@ -17,8 +17,9 @@ from quasirigid import HandModel, World, mocap
 from quasirigid.cli import main
 from quasirigid.errors import InvalidValueError
 from quasirigid.grasp_options import GraspOptions
+from quasirigid.mocap.options import MocapOptions
 from quasirigid.mocap.pace import CATCH_UP, SLACK, Pace
-from quasirigid.mocap.session import MocapOptions, run_mocap
+from quasirigid.mocap.session import run_mocap
 from quasirigid.mocap.stream import TakeSource
 
 COARSE = GraspOptions(points=6000, dt=0.004)
@@ -138,19 +139,19 @@ def test_an_object_that_nobody_holds_is_said_to_have_been_dropped(tmp_path: Path
 
 
 def test_a_finger_that_is_lost_is_caught_again_where_it_is() -> None:
-    from quasirigid.mocap.coupling import _Offset
+    from quasirigid.mocap.springs import Offset
 
-    offset = _Offset()
-    stretch = np.array([0.03, 0.0, 0.0]), np.array([0.0, 0.4, 0.0])
+    offset = Offset(2)
+    stretch = np.array([0.03, -0.01])
     offset.update(0.0, None, 1e-3)
     energy, worst = 0.0, 0.0
     for weight in np.linspace(0.0, 1.0, 101)[1:]:
         offset.update(float(weight), stretch, 0.0)
-        energy = float(weight * np.sum((stretch[0] + offset.linear) ** 2))
+        energy = float(weight * np.sum((stretch + offset.value) ** 2))
         worst = max(worst, energy)
     assert worst < 1e-12, f"the spring holds {worst} of k m^2 that nobody has put in"
     offset.update(1.0, None, 1.0)
-    assert np.abs(offset.linear).max() < 1e-4
+    assert np.abs(offset.value).max() < 1e-4
 
 
 def test_a_finger_comes_as_near_as_it_can() -> None:

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from quasirigid.errors import InvalidShapeError, ObjectFileError
-from quasirigid.recording import Column, Recorder, Recording
+from quasirigid.recorder import Recorder
+from quasirigid.recording import Column, Recording
 
 COLUMNS = [
     Column("time", unit="s", what="simulated time"),
@@ -88,7 +89,9 @@ def test_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
         recorder = Recorder({str(path)!r}, COLUMNS)
         for i in range(10**9):
             recorder.append(row(i))
-            if i == 1000: print("go", flush=True)
+            if i == 1000:
+                recorder.flush()
+                print("go", flush=True)
     """
     for pause in (0.0, 0.013, 0.05, 0.2):
         env = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}

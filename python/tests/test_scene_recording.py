@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import time
 from dataclasses import fields
 from pathlib import Path
 
@@ -15,13 +16,16 @@ from recorded import pinch, record_pinch
 
 import quasirigid as qr
 from quasirigid.errors import InvalidShapeError, InvalidValueError, ObjectFileError
-from quasirigid.recording import Column, Recorder
+from quasirigid.recorder import Recorder
+from quasirigid.recording import Column
 from quasirigid.scene_recording import SceneRecorder, SceneRecording
 from quasirigid.view.scene import SceneState
 from quasirigid.view.world_scene import WorldScene
 
 NANOMETRE = 1e-9
 """A displacement of 1 mm in single precision is good for a tenth of this; what was promised is 1e-8 m."""
+ROUNDED = {"points": 2.0**-24, "gaps": 2.0**-33}
+"""What is recorded in single precision and then rounded to multiples of this, m."""
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +50,12 @@ def test_every_state_comes_back_as_it_was(run: tuple[Path, list[SceneState]]) ->
             np.testing.assert_array_equal(back.joint_positions, live.joint_positions)
             for field in fields(live.contacts):
                 before, after = getattr(live.contacts, field.name), getattr(back.contacts, field.name)
-                np.testing.assert_array_equal(after, before if before.dtype.kind in "iu" else single(before), err_msg=field.name)
+                if field.name in ROUNDED:
+                    worst = float(np.abs(after - before).max())
+                    single_precision = float(np.spacing(np.float32(np.abs(before).max()))) / 2
+                    assert worst <= ROUNDED[field.name] / 2 + single_precision, f"{field.name} off by {worst:.1e} m"
+                else:
+                    np.testing.assert_array_equal(after, before if before.dtype.kind in "iu" else single(before), err_msg=field.name)
             np.testing.assert_array_equal(back.finger_forces, single(live.finger_forces))
             np.testing.assert_array_equal(back.normal_forces, single(live.normal_forces))
             assert (back.time, back.step, back.phase) == (live.time, step, live.phase)
@@ -126,6 +135,12 @@ def test_killed_run_replays_up_to_the_last_block(tmp_path: Path) -> None:
     with subprocess.Popen([sys.executable, "-c", textwrap.dedent(program)], stdout=subprocess.PIPE, env=env) as writer:
         assert writer.stdout is not None
         assert writer.stdout.readline() == b"go\n"
+        began = time.monotonic()
+        while time.monotonic() - began < 60.0:  # a block is written while the run goes on; it can be read meanwhile
+            with qr.Recording(path) as so_far:
+                if so_far.steps >= 300:
+                    break
+            time.sleep(0.01)
         writer.send_signal(signal.SIGKILL)
         writer.wait()
     with SceneRecording(path) as recording:

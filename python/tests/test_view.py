@@ -305,7 +305,9 @@ def test_a_world_is_shown_while_its_owner_steps_it(capsys: pytest.CaptureFixture
         for _ in range(20):
             world.step(10)
             time.sleep(0.01)
-        wait_for(lambda: shown._drawing._frames[next(iter(shown._drawing._frames))][1].position[2] < 0.9, "the fall is drawn")
+        drawing = shown._page.drawing
+        assert drawing is not None
+        wait_for(lambda: drawing._frames[next(iter(drawing._frames))][1].position[2] < 0.9, "the fall is drawn")
         world.remove(ball)
         world.add_body(qr.Surface.box((0.02, 0.02, 0.02), points=800), qr.Material.preset("rubber"), mass=0.1, name="cube")
         wait_for(lambda: [b.name for b in shown._scene.model.bodies] == ["cube"], "the new body is drawn")

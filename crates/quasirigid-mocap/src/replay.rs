@@ -18,6 +18,7 @@ const NAP: Duration = Duration::from_millis(10);
 const MOST_GREETERS: usize = 16;
 /// So many packets in a row that cannot be sent are no accident.
 const FAILURES: u64 = 100;
+const DAY: f64 = 86_400.0;
 
 /// What can be chosen about a [`Replay`].
 #[derive(Debug, Clone, PartialEq)]
@@ -157,7 +158,9 @@ struct Script {
     round: f64,
     /// Frames of a round by the counter.
     frames: u32,
-    first_time: Option<f64>,
+    /// Stamps of the first packet that has one: `ts`, s, and `ts2`, microseconds since 1970.
+    first_of_day: f64,
+    first_unix: i64,
 }
 
 impl Script {
@@ -178,7 +181,9 @@ impl Script {
         };
         let steps = packets.len().max(2) - 1;
         let round = take.duration() * (1.0 + 1.0 / steps as f64);
-        Self { packets, round: if round > 0.0 { round } else { 1.0 / 60.0 }, frames, first_time: parsed.first().and_then(Packet::time) }
+        let first_of_day = parsed.iter().find_map(|packet| packet.time_of_day).unwrap_or(0.0);
+        let first_unix = parsed.iter().find_map(|packet| packet.unix_time).map_or(0, |t| micros(t.seconds, t.microseconds));
+        Self { packets, round: if round > 0.0 { round } else { 1.0 / 60.0 }, frames, first_of_day, first_unix }
     }
 
     fn play(&self, socket: &UdpSocket, shared: &Shared, options: &ReplayOptions) {
@@ -238,21 +243,24 @@ impl Script {
 
     /// A packet whose counter and clocks go on from round to round and run with the speed of the replay. All else stays as it is.
     fn retimed(&self, bytes: &[u8], round: u32, speed: f64) -> Vec<u8> {
-        let moved = |time: f64| {
-            let first = self.first_time.unwrap_or(time);
-            first + (time - first + f64::from(round) * self.round) / speed
-        };
+        // From s after the first packet to s after the first that was sent.
+        let moved = |since: f64| (since + f64::from(round) * self.round) / speed;
         let mut out = Vec::with_capacity(bytes.len() + 16);
         for line in bytes.split_inclusive(|&byte| byte == b'\n') {
             let body = line.trim_ascii_end();
             let words: Vec<&str> = std::str::from_utf8(body).unwrap_or_default().split_ascii_whitespace().collect();
             let text = match words[..] {
                 ["fr", n] => n.parse::<u32>().ok().map(|n| format!("fr {}", n.wrapping_add(round.wrapping_mul(self.frames)))),
-                ["ts", s] => s.parse::<f64>().ok().map(|s| format!("ts {:.6}", moved(s).rem_euclid(86_400.0))),
-                ["ts2", s, us, latency] => match (s.parse::<f64>(), us.parse::<f64>()) {
+                ["ts", s] => s.parse::<f64>().ok().map(|s| {
+                    // `ts` falls back to 0 at midnight.
+                    let since = if s < self.first_of_day - 0.5 * DAY { s + DAY } else { s } - self.first_of_day;
+                    format!("ts {:.6}", (self.first_of_day + moved(since)).rem_euclid(DAY))
+                }),
+                ["ts2", s, us, latency] => match (s.parse(), us.parse()) {
                     (Ok(s), Ok(us)) => {
-                        let micros = (1e6 * moved(s + 1e-6 * us)).round() as u64;
-                        Some(format!("ts2 {} {} {latency}", micros / 1_000_000, micros % 1_000_000))
+                        let since = 1e-6 * (micros(s, us) - self.first_unix) as f64;
+                        let now = self.first_unix.saturating_add((1e6 * moved(since)).round() as i64);
+                        Some(format!("ts2 {} {} {latency}", now.div_euclid(1_000_000), now.rem_euclid(1_000_000)))
                     }
                     _ => None,
                 },
@@ -268,6 +276,11 @@ impl Script {
         }
         out
     }
+}
+
+/// Microseconds since 1970.
+fn micros(seconds: u64, microseconds: u32) -> i64 {
+    (seconds as i64).saturating_mul(1_000_000).saturating_add(i64::from(microseconds))
 }
 
 /// Sleeps and hears greetings. False when it shall stop.

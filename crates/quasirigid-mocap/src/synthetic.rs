@@ -41,7 +41,7 @@ const KNUCKLE: Vec3 = Vec3::new(-0.014, 0.5 * SPREAD, 0.067);
 /// Lengths of outer, middle and inner phalanx, m.
 const LENGTHS: [[f64; 3]; 3] = [[0.030, 0.034, 0.046], [0.024, 0.028, 0.048], [0.026, 0.030, 0.050]];
 
-/// Roots of thumb, index and middle finger in the palm frame, m. That of the thumb is put where a chain that bends in one plane can start from;
+/// Roots of thumb, index and middle finger in the palm frame of the right hand, m. That of the thumb is put where a chain that bends in one plane can start from;
 /// a real one has a saddle joint near the wrist.
 const ROOTS: [Vec3; 3] = [Vec3::new(0.036, -0.5 * SPREAD, 0.0), Vec3::new(0.0, 0.0, 0.0), Vec3::new(0.0, -SPREAD, 0.0)];
 
@@ -56,11 +56,13 @@ pub struct PinchOptions {
     pub noise: f64,
     /// Amplitude of the tremor, m.
     pub tremor: f64,
+    /// The right hand, or its mirror image in the plane y = 0, which turns the box the other way.
+    pub side: Side,
 }
 
 impl Default for PinchOptions {
     fn default() -> Self {
-        Self { seed: 1, rate: 60.0, noise: 3e-4, tremor: 1.5e-4 }
+        Self { seed: 1, rate: 60.0, noise: 3e-4, tremor: 1.5e-4, side: Side::Right }
     }
 }
 
@@ -107,6 +109,26 @@ pub fn hand_at(t: f64) -> HandFrame {
     frame
 }
 
+/// The mirror image in the plane y = 0, of the other hand. Frames are mirrored with their y axes: x along the finger and z out of the nail (or the
+/// back of the hand) stay so.
+pub fn mirrored(frame: &HandFrame) -> HandFrame {
+    let mirror = |pose: &Pose| {
+        let (p, q) = (pose.translation.vector, pose.rotation);
+        // M R M with M = diag(1, -1, 1): the turn about x and z changes its sense, that about y does not.
+        let turned = nalgebra::Unit::new_unchecked(nalgebra::Quaternion::new(q.w, -q.i, q.j, -q.k));
+        Pose::from_parts(Vec3::new(p.x, -p.y, p.z).into(), turned)
+    };
+    let mut other = *frame;
+    other.side = if frame.side == Side::Right { Side::Left } else { Side::Right };
+    if let Some(palm) = &mut other.palm {
+        palm.pose = mirror(&palm.pose);
+    }
+    for finger in other.fingers.iter_mut().flatten() {
+        finger.tip = mirror(&finger.tip);
+    }
+    other
+}
+
 /// The take.
 ///
 /// # Errors
@@ -135,6 +157,9 @@ pub fn pinch_take(options: &PinchOptions) -> Result<Take> {
         if let Some(middle) = frame.fingers[Finger::Middle as usize].as_mut() {
             middle.tracked = !(LOSS.0..LOSS.1).contains(&t);
         }
+        if options.side == Side::Left {
+            frame = mirrored(&frame);
+        }
         let packet = Packet {
             frame: 1000 + k,
             time_of_day: Some(36_000.0 + (1e6 * t).round() / 1e6),
@@ -149,7 +174,12 @@ pub fn pinch_take(options: &PinchOptions) -> Result<Take> {
     }
     packets.sort_by(|a, b| a.arrival.total_cmp(&b.arrival));
     let notes = vec![
-        format!("synthetic: right hand, pinch, lift by 100 mm, turn by 30 degrees, put down; seed {}, {} Hz", options.seed, options.rate),
+        format!(
+            "synthetic: {} hand, pinch, lift by 100 mm, turn by 30 degrees, put down; seed {}, {} Hz",
+            options.side.name(),
+            options.seed,
+            options.rate
+        ),
         format!(
             "noise {:.2} mm, tremor {:.2} mm, middle finger lost from {} to {} s",
             1e3 * options.noise,
@@ -166,7 +196,7 @@ fn dtrack_hand(frame: &HandFrame) -> Hand {
     let palm = frame.palm.map_or_else(Pose::identity, |palm| palm.pose);
     let hand = palm * palm_from_dtrack(frame.side);
     let fingers = frame.fingers.iter().flatten().zip(LENGTHS).enumerate().map(|(k, (finger, lengths))| {
-        let root = ROOTS[k];
+        let root = Vec3::new(ROOTS[k].x, if frame.side == Side::Right { ROOTS[k].y } else { -ROOTS[k].y }, ROOTS[k].z);
         let angles = bend(&finger.tip, (palm * nalgebra::Point3::from(root)).coords, lengths);
         let tip = if finger.tracked { placement_from_pose(&(hand.inverse() * finger.tip)) } else { Placement::UNTRACKED };
         HandFinger { tip, tip_radius: 1e3 * finger.pad_radius, lengths: lengths.map(|l| 1e3 * l), angles }
@@ -283,12 +313,40 @@ mod tests {
         assert!(pinch_take(&PinchOptions { rate: 0.0, ..PinchOptions::default() }).is_err());
     }
 
+    #[test]
+    fn the_left_take_is_the_right_one_in_a_mirror() {
+        let clean = |side| {
+            let take = pinch_take(&PinchOptions { noise: 0.0, tremor: 0.0, side, ..PinchOptions::default() }).unwrap();
+            let mut decoder = HandDecoder::new(HandChoice::Fingertracking(side));
+            take.packets.iter().map(|p| decoder.decode(&p.parse().unwrap(), p.arrival).unwrap()).collect::<Vec<_>>()
+        };
+        let (right, left) = (clean(Side::Right), clean(Side::Left));
+        for (right, left) in right.iter().zip(&left) {
+            assert_eq!(left.side, Side::Left);
+            let expected = mirrored(right);
+            let pairs = expected.tracked_fingers().map(|(f, pose)| (pose.tip, left.fingers[f as usize].unwrap().tip));
+            for (a, b) in pairs.chain([(expected.palm.unwrap().pose, left.palm.unwrap().pose)]) {
+                let wrong = a.inv_mul(&b);
+                assert!(wrong.translation.vector.norm() < 3e-4 && wrong.rotation.angle() < 1e-3, "{wrong:?}");
+            }
+            // A mirror keeps nails and fingers: x and z of the tips are mirrored vectors.
+            for (finger, pose) in right.tracked_fingers() {
+                for axis in [Vec3::x(), Vec3::z()] {
+                    let mirror = |v: Vec3| Vec3::new(v.x, -v.y, v.z);
+                    let other = expected.fingers[finger as usize].unwrap().tip.rotation * axis;
+                    assert!((mirror(pose.tip.rotation * axis) - other).norm() < 1e-12);
+                }
+            }
+        }
+    }
+
     /// The chain of the format page, from the tip back to the root, ends where the knuckles are.
     #[test]
     fn phalanges_reach_from_the_tip_to_the_knuckle() {
         let ry = |degrees: f64| Rot::from_scaled_axis(Vec3::y() * degrees.to_radians());
-        for t in [0.0, 1.7, 2.5, 5.0] {
-            let frame = hand_at(t);
+        let right = [0.0, 1.7, 2.5, 5.0].map(|t| (t, hand_at(t)));
+        for (t, frame) in right.into_iter().chain(right.map(|(t, frame)| (t, mirrored(&frame)))) {
+            let mirror = if frame.side == Side::Right { 1.0 } else { -1.0 };
             let hand = dtrack_hand(&frame);
             let room = crate::hands::pose_from_placement(&hand.placement);
             for (k, finger) in hand.fingers.iter().enumerate() {
@@ -298,7 +356,7 @@ mod tests {
                 let middle = outer * ry(finger.angles[0]);
                 let inner = middle * ry(finger.angles[1]);
                 let root = tip.translation.vector - outer * Vec3::x() * lo - middle * Vec3::x() * lm - inner * Vec3::x() * li;
-                let knuckle = (frame.palm.unwrap().pose * nalgebra::Point3::from(ROOTS[k])).coords;
+                let knuckle = (frame.palm.unwrap().pose * nalgebra::Point3::new(ROOTS[k].x, mirror * ROOTS[k].y, ROOTS[k].z)).coords;
                 assert!((root - knuckle).norm() < 1e-3, "finger {k} at {t} s: {} m off", (root - knuckle).norm());
                 // Flexion is negative; the last joint of a finger that presses may give way backwards a little.
                 assert!(

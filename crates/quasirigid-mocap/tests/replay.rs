@@ -74,6 +74,34 @@ fn counters_and_clocks_go_on_from_round_to_round_and_follow_the_speed() {
     assert_eq!(receiver.statistics().lost, 0);
 }
 
+/// A controller of today sends both clocks, and `ts` falls back to 0 at midnight: a replay at another speed keeps the two together.
+#[test]
+fn both_clocks_follow_the_speed_also_over_midnight() {
+    let stamp = |k: u32| (86_399.9 + f64::from(k) / 60.0).rem_euclid(86_400.0);
+    let packets = (0..30).map(|k| {
+        let (seconds, microseconds) =
+            ((1_700_000_000_000_000 + u64::from(k) * 1_000_000 / 60) / 1_000_000, u64::from(k) * 1_000_000 / 60 % 1_000_000);
+        let bytes = format!("fr {k}\r\nts {:.6}\r\nts2 {seconds} {microseconds} 5000\r\n6d 0\r\n", stamp(k)).into_bytes();
+        quasirigid_mocap::TakePacket { arrival: f64::from(k) / 60.0, bytes }
+    });
+    let take = Take { packets: packets.collect(), ..Take::default() };
+    let receiver = receiver();
+    let replay = Replay::start(&take, &[receiver.address()], &ReplayOptions { rounds: 2, speed: 4.0, ..options() }).unwrap();
+    assert!(replay.wait(LIMIT));
+    std::thread::sleep(Duration::from_millis(50));
+    let came = receiver.take();
+    assert_eq!(came.len(), 60);
+    let midnight = 86_400.0;
+    let of_day: Vec<f64> = came.iter().map(|r| r.packet.time_of_day.unwrap()).collect();
+    let unix: Vec<f64> = came.iter().map(|r| r.packet.time().unwrap()).collect();
+    for k in 1..came.len() {
+        let (day, both) = ((of_day[k] - of_day[k - 1]).rem_euclid(midnight), unix[k] - unix[k - 1]);
+        assert!((day - 1.0 / 240.0).abs() < 3e-6 && (both - 1.0 / 240.0).abs() < 3e-6, "packet {k}: {day} s by ts, {both} s by ts2");
+        assert_eq!(came[k].packet.unix_time.unwrap().latency, 5000);
+    }
+    assert_eq!(came.iter().map(|r| r.packet.frame).collect::<Vec<_>>(), (0..60).collect::<Vec<_>>());
+}
+
 #[test]
 fn fingertips_come_as_bodies_too() {
     let take = part(2.9, 3.6);

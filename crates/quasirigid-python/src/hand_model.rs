@@ -25,6 +25,10 @@ impl HandModel {
         Ok(Self { engine: quasirigid::body::HandModel::three_finger().or_raise(py)? })
     }
 
+    fn with_gains(&self, py: Python<'_>, stiffness: Real, damping: Real) -> PyResult<Self> {
+        Ok(Self { engine: self.engine.with_gains(stiffness, damping).or_raise(py)? })
+    }
+
     #[getter]
     fn name(&self) -> &str {
         self.engine.name()

@@ -15,7 +15,7 @@ use std::sync::{Mutex, PoisonError};
 const PARTS: usize = 6;
 const PALM: usize = 5;
 
-fn side(py: Python<'_>, name: &str) -> PyResult<Side> {
+pub fn named_side(py: Python<'_>, name: &str) -> PyResult<Side> {
     match name {
         "left" => Ok(Side::Left),
         "right" => Ok(Side::Right),
@@ -80,7 +80,7 @@ impl HandFrame {
         source: &str,
         frame: &str,
     ) -> PyResult<Self> {
-        let side = self::side(py, side)?;
+        let side = named_side(py, side)?;
         let refuse =
             |what: &str, expected: &str, got: &str, hint: &str| Err(to_py(py, &Error::unknown(what, expected, format!("{got:?}"), hint)));
         let source = match source {
@@ -193,7 +193,7 @@ impl HandDecoder {
     #[new]
     #[pyo3(signature = (side = "right", *, bodies = None))]
     fn new(py: Python<'_>, side: &str, bodies: Option<&str>) -> PyResult<Self> {
-        let side = self::side(py, side)?;
+        let side = named_side(py, side)?;
         let choice = match bodies {
             None => mocap::HandChoice::Fingertracking(side),
             Some(text) if std::path::Path::new(text).extension().is_some_and(|ending| ending == "toml") => {
@@ -290,7 +290,7 @@ impl HandTracker {
         fade: f64,
         catch: f64,
     ) -> PyResult<Self> {
-        let side = self::side(py, side)?;
+        let side = named_side(py, side)?;
         let options = mocap::TrackingOptions { delay: delay.map_or(Delay::Auto, Delay::Fixed), hold, fade, catch };
         let pose = calibration.map_or_else(Pose::identity, |c| c.calibration.world_from_tracker);
         let tracker = mocap::HandTracker::new(side, pose, options).or_raise(py)?;

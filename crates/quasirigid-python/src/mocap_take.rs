@@ -1,7 +1,7 @@
 //! `Take`, `TakeWriter` and `Replay`: packets of a tracker in files, and on their way again.
 
 use crate::mocap::{OrRaiseMocap, Packet, address, duration, figures, lock, pair, parse, raise, read};
-use crate::mocap_hand::{HandDecoder, HandFrame};
+use crate::mocap_hand::{HandDecoder, HandFrame, named_side};
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -25,9 +25,9 @@ impl Take {
     }
 
     #[staticmethod]
-    #[pyo3(signature = (*, seed = 1, rate = 60.0, noise = 3e-4, tremor = 1.5e-4))]
-    fn pinch(py: Python<'_>, seed: u64, rate: f64, noise: f64, tremor: f64) -> PyResult<Self> {
-        let options = mocap::synthetic::PinchOptions { seed, rate, noise, tremor };
+    #[pyo3(signature = (*, seed = 1, rate = 60.0, noise = 3e-4, tremor = 1.5e-4, side = "right"))]
+    fn pinch(py: Python<'_>, seed: u64, rate: f64, noise: f64, tremor: f64, side: &str) -> PyResult<Self> {
+        let options = mocap::synthetic::PinchOptions { seed, rate, noise, tremor, side: named_side(py, side)? };
         mocap::synthetic::pinch_take(&options).or_raise(py).map(|take| Self { take })
     }
 

@@ -113,6 +113,7 @@ def record(
     epilog=_examples(
         ("quasirigid mocap replay", "the shipped pinch, to port 5000 of this machine"),
         ("quasirigid mocap replay reach.take --to 192.168.0.5:5000 --rounds 0", "again and again, to another machine"),
+        ("quasirigid mocap replay --hand left", "the same by a left hand"),
         ("quasirigid mocap replay --bodies", "each fingertip as a 6d body, too"),
         ("quasirigid mocap replay --greeted", "to whoever greets port 50107, as behind a firewall"),
     )
@@ -126,11 +127,14 @@ def replay(
     rounds: Annotated[int, typer.Option(min=0, help="How often; 0 is until Ctrl-C.")] = 1,
     bodies: Annotated[bool, typer.Option("--bodies", help="Send each fingertip as a 6d body, too.")] = False,
     greeted: Annotated[bool, typer.Option("--greeted", help="Wait for a greeting, and send to whoever greets.")] = False,
+    hand: Annotated[str, typer.Option(help="left: the shipped take in a mirror.")] = "right",
     source_port: Annotated[int, typer.Option(min=0, max=65_535, help="Port to send from; a controller has 50107. 0 is any.")] = 50_107,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Send a take as a controller would: in time, from port 50107, hearing greetings of firewalls."""
-    name, take = _load(file)
+    if file is not None and hand != "right":
+        raise InvalidValueError("--hand", "no FILE: it mirrors the shipped take", f"{hand} with {file}", "leave one of the two out")
+    name, take = _load(file) if hand == "right" else (SHIPPED, Take.pinch(side=hand))  # type: ignore[arg-type]  # checked there
     targets = to or ([] if greeted else ["127.0.0.1:5000"])
     with Replay(take, targets, speed=speed, rounds=rounds, source_port=source_port, bodies=bodies) as sender:
         host, port = sender.address

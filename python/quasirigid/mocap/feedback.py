@@ -1,7 +1,7 @@
 """What the fingers feel, sent to the person: contact forces and slip, for vibrotactile or force devices.
 
 ``udp:HOST:PORT`` sends one JSON object per datagram; ``tfb:HOST`` the line ``tfb`` that drives the tactile thimbles of ART's fingertracking, to the
-controller's UDP port 50110.
+controller's UDP port 50110; ``ws:PORT`` the JSON object to whoever connects by websocket (``quasirigid.mocap.feedback_server``).
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ from typing import Any, Protocol
 
 from quasirigid.errors import InvalidValueError
 from quasirigid.mocap import PARTS
-from quasirigid.mocap.session import Look
+from quasirigid.mocap.look import Look
 
 TFB_PORT = 50_110
 FULL_FORCE = 5.0
 """Pressing force at which a thimble is told its full strength, N."""
 RATE = 60.0
 """Times per second, unless told otherwise."""
+TARGETS = "udp:HOST:PORT, ws:PORT, ws:HOST:PORT or tfb:HOST"
 
 
 class Sink(Protocol):
@@ -53,7 +54,7 @@ class TfbSink:
 
 
 def as_json(look: Look) -> dict[str, Any]:
-    """What ``JsonSink`` sends, and what a websocket may send too. ``state`` is ``open``, ``stick`` or ``slip``: slip if most of the force slips."""
+    """What ``JsonSink`` and the websocket send. ``state`` is ``open``, ``stick`` or ``slip``: slip if most of the force slips."""
     fingers = {
         PARTS[row]: {
             "force": [round(float(x), 6) for x in force],
@@ -66,17 +67,47 @@ def as_json(look: Look) -> dict[str, Any]:
     return {"time": round(look.time, 6), "phase": look.phase, "fingers": fingers}
 
 
-class Feedback:
-    """Sends looks of a session to one address, ``rate`` times per second of simulated time. Never waits, never fails: what cannot be sent is counted."""
+class Raster:
+    """Says when it is time: ``rate`` times per second of simulated time, right on average."""
+
+    def __init__(self, rate: float) -> None:
+        """Raises ``InvalidValueError`` for a rate that is none."""
+        if not (math.isfinite(rate) and 0.0 < rate <= 1000.0):
+            raise InvalidValueError("--feedback-rate", "a number from 0 to 1000 (Hz)", rate, f"{RATE:g} is the default")
+        self._period, self._next = 1.0 / rate, 0.0
+
+    def due(self, time: float) -> bool:
+        """Whether it is time at ``time`` s; then it has been."""
+        if time < self._next:
+            return False
+        # The tolerance is for sums of time steps.
+        self._next = (math.floor(time / self._period + 1e-6) + 1) * self._period - 1e-9
+        return True
+
+
+class Feedback(Protocol):
+    """Takes looks of a session, and passes some of them on. Never waits, never fails."""
+
+    def __call__(self, look: Look) -> None:
+        """Pass it on if it is time."""
+
+    def story(self) -> str:
+        """What became of it, in a line."""
+
+    def close(self) -> None:
+        """Let go of the network."""
+
+
+class UdpFeedback:
+    """Sends looks of a session to one address, ``rate`` times per second of simulated time. What cannot be sent is counted."""
 
     def __init__(self, text: str, *, rate: float = RATE) -> None:
         """``text`` is ``udp:HOST:PORT`` or ``tfb:HOST[:PORT]``. Raises ``InvalidValueError``."""
-        if not (math.isfinite(rate) and 0.0 < rate <= 1000.0):
-            raise InvalidValueError("--feedback-rate", "a number from 0 to 1000 (Hz)", rate, f"{RATE:g} is the default")
+        self._raster = Raster(rate)
         kind, _, rest = text.partition(":")
         host, _, port = rest.rpartition(":") if kind == "udp" or rest.count(":") == 1 else (rest, "", str(TFB_PORT))
-        if kind not in ("udp", "tfb") or not host or not port.isdecimal() or not 0 < int(port) < 65_536:
-            raise InvalidValueError("--feedback", "udp:HOST:PORT or tfb:HOST", text, "udp:127.0.0.1:9000 sends JSON to this machine")
+        if kind not in ("udp", "tfb") or not host or not is_port(port):
+            raise InvalidValueError("--feedback", TARGETS, text, "udp:127.0.0.1:9000 sends JSON to this machine")
         try:
             address = socket.gethostbyname(host)
             ipaddress.IPv4Address(address)
@@ -85,22 +116,37 @@ class Feedback:
         self.address = (address, int(port))
         self.sink: Sink = JsonSink() if kind == "udp" else TfbSink()
         self.sent = self.failed = 0
-        self._period, self._next = 1.0 / rate, 0.0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
 
     def __call__(self, look: Look) -> None:
         """Send it if it is time."""
-        if look.time < self._next:
+        if not self._raster.due(look.time):
             return
-        # On a fixed raster, so that the rate is right on average; the tolerance is for sums of time steps.
-        self._next = (math.floor(look.time / self._period + 1e-6) + 1) * self._period - 1e-9
         try:
             self._socket.sendto(self.sink.encode(look), self.address)
             self.sent += 1
         except OSError:
             self.failed += 1
 
+    def story(self) -> str:
+        """What became of it."""
+        return f"{self.sent} datagrams to {self.address[0]}:{self.address[1]}, {self.failed} could not be sent"
+
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
+
+
+def is_port(text: str) -> bool:
+    """Whether this is the number of a port that can be named."""
+    return text.isascii() and text.isdecimal() and 0 < int(text) < 65_536
+
+
+def open_feedback(text: str, *, rate: float = RATE) -> Feedback:
+    """What ``--feedback`` names. Raises ``InvalidValueError``, or ``NetworkError`` for a port in use."""
+    if text.partition(":")[0] == "ws":
+        from quasirigid.mocap.feedback_server import WebsocketFeedback
+
+        return WebsocketFeedback(text, rate=rate)
+    return UdpFeedback(text, rate=rate)

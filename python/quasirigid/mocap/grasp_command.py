@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.console import Console, Group
@@ -17,72 +18,110 @@ from rich.table import Table
 from quasirigid.errors import InvalidValueError
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap import Calibration
-from quasirigid.mocap.feedback import RATE, Feedback
-from quasirigid.mocap.session import OBSERVED, MocapOptions, MocapResult, run_mocap
+from quasirigid.mocap.feedback import RATE, open_feedback
+from quasirigid.mocap.options import MocapOptions
+from quasirigid.mocap.session import OBSERVED, MocapResult, run_mocap
+from quasirigid.mocap.springs import Springs
 from quasirigid.mocap.stream import NetworkSource, open_source
-from quasirigid.webxr import PORT, Placement, XrServer
+from quasirigid.webxr import IDLE, PORT, Placement, XrServer
 from quasirigid.webxr.pages import LOCAL
+
+if TYPE_CHECKING:
+    from quasirigid.view.apart import PageApart
 
 
 def grasp_mocap(
     options: GraspOptions,
     source: str,
+    mocap: MocapOptions,
     *,
     bind: str | None,
-    side: str,
-    coupling: str,
     calibration: Path | None,
-    bodies: str | None,
     place: str | None,
     certificate: Path | None,
     key: Path | None,
-    idle: float,
+    idle: float | None,
     out: Path,
     record: Path | None,
     feedback: Sequence[str] = (),
     feedback_rate: float = RATE,
+    view: bool = False,
     as_json: bool,
 ) -> None:
     """Run a session and print what became of it."""
-    mocap = MocapOptions(
-        side=side,  # type: ignore[arg-type]  # checked by MocapOptions.check
-        coupling=coupling,  # type: ignore[arg-type]
-        calibration=None if calibration is None else Calibration.read(calibration),
-        bodies=bodies,
-        idle=idle,
-    )
-    mocap.check()
-    sinks = [Feedback(text, rate=feedback_rate) for text in feedback]
-    observed = max(OBSERVED, feedback_rate)
     kind, _, port = source.partition(":")
+    patience = idle if idle is not None else IDLE if kind == "webxr" else mocap.idle
+    mocap = replace(mocap, calibration=None if calibration is None else Calibration.read(calibration), idle=patience)
+    mocap.check()
+    sinks = [open_feedback(text, rate=feedback_rate) for text in feedback]
+    observed = max(OBSERVED, feedback_rate)
     try:
         if kind == "webxr":
-            if calibration is not None or bodies is not None:
-                wrong = "--calibration" if bodies is None else "--bodies"
-                raise InvalidValueError(wrong, "none with --mocap webxr", calibration or bodies, "use --place, or recentre in the headset")
-            with _open_page(port, bind or "127.0.0.1", mocap.side, place, certificate, key) as page:
-                result = run_mocap(options, mocap, page, out, record=record, observers=sinks, observed=observed, viewer=page, told=_say)
+            if calibration is not None or mocap.bodies is not None:
+                wrong = "--calibration" if mocap.bodies is None else "--bodies"
+                raise InvalidValueError(
+                    wrong, "none with --mocap webxr", calibration or mocap.bodies, "use --place, or recentre in the headset"
+                )
+            if view:
+                raise InvalidValueError(
+                    "--view", "no --mocap webxr", "both", "the page for the headset shows the scene, open it on this machine, too"
+                )
+            with _open_page(port, bind or "127.0.0.1", mocap.side, place, certificate, key) as headset:
+                result = run_mocap(
+                    options, mocap, headset, out, record=record, observers=sinks, observed=observed, viewer=headset, told=_say
+                )
         else:
             for name, value in (("--place", place), ("--certificate", certificate), ("--key", key)):
                 if value is not None:
                     raise InvalidValueError(name, "--mocap webxr", source, "leave it out: it is about the page for a headset")
-            stream = open_source(source, bind=bind or "0.0.0.0")
+            stream = open_source(source, bind=bind or "0.0.0.0", watched=view)
+            page = _open_view() if view else None
             try:
                 if isinstance(stream, NetworkSource):
                     host, udp = stream.address
                     _say(f"listening on UDP {host}:{udp}; Ctrl-C ends it")
-                result = run_mocap(options, mocap, stream, out, record=record, observers=sinks, observed=observed, told=_say)
+                result = run_mocap(options, mocap, stream, out, record=record, observers=sinks, observed=observed, viewer=page, told=_say)
             finally:
                 stream.close()
+                if page is not None:
+                    page.close()
     finally:
         for sink in sinks:
             sink.close()
     for sink in sinks:
-        _say(f"feedback: {sink.sent} datagrams to {sink.address[0]}:{sink.address[1]}, {sink.failed} could not be sent")
+        _say(f"feedback: {sink.story()}")
     if as_json:
         typer.echo(json.dumps(result.summary, indent=2, allow_nan=False))
     else:
         Console().print(_panel(result))
+
+
+def coupled(
+    coupling: str,
+    spring: float | None,
+    spring_rotation: float | None,
+    damping: float | None,
+    damping_rotation: float | None,
+    joint_stiffness: float | None,
+    joint_damping: float | None,
+) -> tuple[Springs, tuple[float, float]]:
+    """Springs and gains from the options of the command line. Raises ``InvalidValueError`` for one that the coupling has no use for."""
+    of_tips = {"--spring": spring, "--spring-rotation": spring_rotation, "--damping": damping, "--damping-rotation": damping_rotation}
+    of_hand = {"--joint-stiffness": joint_stiffness, "--joint-damping": joint_damping}
+    idle, other, those = (of_hand, "hand", of_tips) if coupling == "tips" else (of_tips, "tips", of_hand)
+    for name, value in idle.items():
+        if value is not None and coupling in ("tips", "hand"):
+            raise InvalidValueError(name, f"--coupling {other}", f"--coupling {coupling}", f"that has {' and '.join(those)}")
+    usual = Springs()
+    stiffness = _or(spring, usual.stiffness[0]), _or(spring_rotation, usual.stiffness[1])
+    return Springs(stiffness, (_or(damping, usual.damping[0]), _or(damping_rotation, usual.damping[1]))), (
+        _or(joint_stiffness, 1.0),
+        _or(joint_damping, 1.0),
+    )
+
+
+def _or(value: float | None, usual: float) -> float:
+    return usual if value is None else value
 
 
 def _open_page(port: str, host: str, side: str, place: str | None, certificate: Path | None, key: Path | None) -> XrServer:
@@ -101,6 +140,16 @@ def _open_page(port: str, host: str, side: str, place: str | None, certificate: 
         _say(f"open to the network ({host}): whoever reaches this port can drive the hand")
         if certificate is None:
             _say("browsers give hands to https pages and to localhost only: add --certificate, see docs/webxr.md")
+    return page
+
+
+def _open_view() -> PageApart:
+    from quasirigid.view.apart import PageApart
+    from quasirigid.view.server import open_browser
+
+    page = PageApart()
+    _say(f"quasirigid: live view on {page.url}  (Ctrl-C ends the session)")
+    open_browser(page.url)
     return page
 
 
@@ -141,4 +190,4 @@ def _panel(result: MocapResult) -> Panel:
     return Panel(Group(verdict, "", table, "", *notes, where), title="grasp", title_align="left", border_style=colour, expand=False)
 
 
-__all__ = ["grasp_mocap"]
+__all__ = ["coupled", "grasp_mocap"]

@@ -7,28 +7,31 @@ become of the object (``OBSERVED`` times a second): the recording, the outcome, 
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from quasirigid._quasirigid import Calibration, HandDecoder, HandFrame, HandTargets, HandTracker, Material, StepReport, Surface, __version__
+from quasirigid._quasirigid import HandDecoder, HandFrame, HandTargets, HandTracker, Material, StepReport, Surface, __version__
 from quasirigid.errors import InvalidValueError
 from quasirigid.grasp import GRAVITY, Stage
 from quasirigid.grasp_columns import contact_sums
 from quasirigid.grasp_options import GraspOptions
-from quasirigid.mocap.coupling import PALM, Coupling, HandCoupling, Springs, TipCoupling
+from quasirigid.mocap import PARTS
+from quasirigid.mocap.coupling import PALM, Coupling, TipCoupling, pad_places
+from quasirigid.mocap.hand_coupling import HandCoupling
+from quasirigid.mocap.look import Look, Observer, Viewer
+from quasirigid.mocap.options import MocapOptions
 from quasirigid.mocap.outcome import Outcome
 from quasirigid.mocap.pace import Pace
 from quasirigid.mocap.stream import Source
 from quasirigid.recording import Column
 from quasirigid.scene_recording import SceneRecorder
 from quasirigid.view.play import MAT, PEDESTAL, SOLVER_BUDGET
-from quasirigid.view.scene import SceneModel, SceneState
+from quasirigid.view.scene import SceneState, TrackedHand
 from quasirigid.view.world_scene import WorldScene
 
 FloatArray = npt.NDArray[np.float64]
@@ -38,68 +41,9 @@ DEFORMATION_RATE = 20.0
 """Times per second that the surfaces are recorded."""
 SETTLE = 0.2
 """How long the hand is watched before the session begins, s: by then the filter knows the stream."""
+WAITING = "waiting for the hand"
 LATECOMERS = 2.0
 """Fingers that are not seen so long after the first are left out, s."""
-
-
-@dataclass(frozen=True)
-class MocapOptions:
-    """How a tracked hand is coupled."""
-
-    side: Literal["left", "right"] = "right"
-    coupling: Literal["tips", "hand"] = "tips"
-    calibration: Calibration | None = None
-    bodies: str | None = None
-    """Bodies on the fingers in place of fingertracking, as of ``HandDecoder``."""
-    springs: Springs = field(default_factory=Springs)
-    """Of the coupling ``tips``; the whole hand has those of its joint controllers."""
-    delay: float | None = None
-    """As of ``HandTracker``, s."""
-    idle: float = 3.0
-    """The session ends when nothing has come for so long, s."""
-
-    def check(self) -> None:
-        """Refuse what cannot be. Raises ``InvalidValueError``."""
-        for name, value, known in (("--hand", self.side, ("left", "right")), ("--coupling", self.coupling, ("tips", "hand"))):
-            if value not in known:
-                raise InvalidValueError(name, " or ".join(known), value, "choose one of them")
-        if not (math.isfinite(self.idle) and self.idle > 0.0):
-            raise InvalidValueError("--idle", "a finite number > 0 (s)", self.idle, "3 is the default")
-        self.springs.check()
-
-
-@dataclass(frozen=True)
-class Look:
-    """What is seen of a session now and then. Rows are the simulated fingers."""
-
-    time: float
-    """Simulated, s."""
-    fingers: tuple[str, ...]
-    rows: tuple[int, ...]
-    """Their rows in hand arrays."""
-    force: FloatArray
-    """(fingers, 3) N, world: of the object on each finger."""
-    pressing: FloatArray
-    """(fingers,) N: sum of the normal reactions on the object."""
-    slipping: FloatArray
-    """(fingers,) 0 to 1: share of the pressing force whose contacts slip."""
-    phase: str
-
-
-Observer = Callable[[Look], None]
-
-
-class Viewer(Protocol):
-    """Somebody who shows the session while it runs."""
-
-    def begin(self, model: SceneModel) -> None:
-        """Show this scene from now on."""
-
-    def wants_state(self) -> bool:
-        """Whether it is time for a state."""
-
-    def draw(self, state: SceneState) -> None:
-        """Show this state."""
 
 
 class MocapSession:
@@ -122,7 +66,9 @@ class MocapSession:
         floor = -PEDESTAL[2] if self.stage.taken.flat else -1e-3
         self.mat = self.world.add_body(Surface.half_space(MAT, points=2_500), soft, motion="fixed", position=(0.0, 0.0, floor), name="mat")
         self._decoder = HandDecoder(mocap.side, bodies=mocap.bodies)
-        self._tracker = HandTracker(mocap.side, calibration=mocap.calibration, delay=mocap.delay)
+        self.side = self._decoder.side
+        """Of the tracked hand: a file that says which bodies are on the fingers says this, too."""
+        self._tracker = HandTracker(self.side, calibration=mocap.calibration, delay=mocap.delay, hold=mocap.hold, fade=mocap.fade)
         self._last_arrival = source.now()
         self._every = max(1, round(1.0 / (observed * options.dt)))
         self.coupling: Coupling | None = None
@@ -137,7 +83,7 @@ class MocapSession:
         self.scene = scene
         if self.viewer is not None:
             self.viewer.begin(scene.model)
-            self.viewer.draw(scene.state(phase="waiting for the hand"))
+            self.viewer.draw(scene.state(phase=WAITING))
 
     # What comes in.
 
@@ -163,6 +109,8 @@ class MocapSession:
             self._listen()
             now = self.source.now()
             targets = self._tracker.sample(now)
+            if self.viewer is not None and self.viewer.wants_state():
+                self.viewer.draw(replace(self.scene.state(phase=WAITING), tracked=None if targets is None else self._tracked(targets)))
             if targets is not None:
                 seen = _seen(targets)
                 seen_at = now if seen_at is None and seen.any() else seen_at
@@ -178,9 +126,9 @@ class MocapSession:
             self.source.wait_until(now + 0.005)
 
     def _couple(self, targets: HandTargets) -> None:
-        pad, side = self.stage.pad, self.mocap.side
+        pad, side = self.stage.pad, self.side
         if self.mocap.coupling == "hand":
-            self.coupling = HandCoupling(self.world, targets, pad, side=side)
+            self.coupling = HandCoupling(self.world, targets, pad, side=side, gains=self.mocap.gains)
         else:
             self.coupling = TipCoupling(self.world, targets, pad, self.mocap.springs)
         pads, hands = self.coupling.pads, self.coupling.hands
@@ -190,6 +138,16 @@ class MocapSession:
 
     def _object_pose(self) -> FloatArray:
         return np.concatenate([self.object.position, self.object.quaternion])
+
+    def _tracked(self, targets: HandTargets) -> TrackedHand:
+        """What a viewer shows of the tracked hand."""
+        rows = () if self.coupling is None else self.coupling.rows
+        aims, ends = np.zeros((0, 3)), np.zeros((0, 3))
+        if self.coupling is not None:
+            aims, ends = pad_places(targets)[0][list(rows)], self.coupling.ends
+        fingers = tuple(rows.index(row) if row in rows else -1 for row in range(len(PARTS)))
+        states = tuple(targets.states)
+        return TrackedHand(PARTS, targets.positions, targets.pad_radii, targets.weights, states, fingers, aims, ends)
 
     # The loop.
 
@@ -220,7 +178,7 @@ class MocapSession:
         wants = recorder is not None and recorder.wants_deformation
         state = self.scene.state(report, self.outcome.phase, moved=wants or shown)
         if self.viewer is not None and shown:
-            self.viewer.draw(state)
+            self.viewer.draw(replace(state, tracked=self._tracked(targets)))
         sums = contact_sums(state.contacts, 0, self._finger_of, len(self.coupling.fingers))
         support = _between(state, 0, 1) + _between(state, 0, 2)
         self.outcome.update(state.time, self._object_pose(), sums["hand/normal_force"], support, _guide(targets))
@@ -279,7 +237,7 @@ class MocapSession:
             "object_mass_kg": self.stage.taken.mass.mass,
             "friction": self.stage.friction,
             "coupling": self.mocap.coupling,
-            "hand": self.mocap.side,
+            "hand": self.side,
             **(self.outcome.summary() if self.outcome is not None else {"held": False, "dropped": False, "phases": [], "fingers": []}),
             "steps": steps,
             "dt_s": self.options.dt,

@@ -12,6 +12,8 @@ from quasirigid.errors import InvalidValueError
 from quasirigid.mocap import shipped_take
 
 DTRACK_PORT = "5000"
+BEHIND = 0.05
+"""A take that is watched makes up for so much, s; what is later than that stays late."""
 NAMES = "dtrack, dtrack:PORT, dtrack:HOST:PORT:fw, webxr, webxr:PORT, take or take:FILE"
 
 
@@ -78,15 +80,21 @@ class NetworkSource:
 
 
 class TakeSource:
-    """A take in simulated time, as fast as the computer goes: the same every time."""
+    """A take in simulated time: the same every time. As fast as the computer goes, or no faster than the clock on the wall.
+
+    The clock that it shows is that of the take in both cases, so that a computer which is too slow for the one on the wall plays the take in slow
+    motion, with the same result.
+    """
 
     paced = False
 
-    def __init__(self, take: Take) -> None:
-        self._take = take
+    def __init__(self, take: Take, *, watched: bool = False) -> None:
+        """``watched``: no faster than the clock on the wall, for somebody who looks on."""
+        self._take, self._watched = take, watched
         self._packets = take.packets
         self._next = 0
         self._now = self._packets[0].arrival if self._packets else 0.0
+        self._wall = time.monotonic() - self._now
 
     def now(self) -> float:
         """Where ``wait_until`` has put it."""
@@ -95,6 +103,12 @@ class TakeSource:
     def wait_until(self, moment: float) -> None:
         """Put the clock there."""
         self._now = max(self._now, moment)
+        if self._watched:
+            early = self._now - (time.monotonic() - self._wall)
+            if early > 0.0:
+                time.sleep(early)
+            elif early < -BEHIND:
+                self._wall = time.monotonic() - self._now - BEHIND  # slow motion: what is lost is lost
 
     def take(self) -> Sequence[Packet]:
         """What has arrived since the last call."""
@@ -115,8 +129,8 @@ class TakeSource:
         """Nothing to close."""
 
 
-def open_source(text: str, *, bind: str = "0.0.0.0") -> Source:
-    """The source that ``--mocap`` names: ``dtrack[:CONNECTION]`` or ``take[:FILE]``.
+def open_source(text: str, *, bind: str = "0.0.0.0", watched: bool = False) -> Source:
+    """The source that ``--mocap`` names: ``dtrack[:CONNECTION]`` or ``take[:FILE]``; a take that is ``watched`` keeps to the clock on the wall.
 
     Raises ``InvalidValueError`` for anything else, ``NetworkError`` or ``CaptureFileError`` where it cannot be opened.
     """
@@ -124,5 +138,5 @@ def open_source(text: str, *, bind: str = "0.0.0.0") -> Source:
     if kind == "dtrack":
         return NetworkSource(rest or DTRACK_PORT, bind=bind)
     if kind == "take":
-        return TakeSource(Take.read(Path(rest)) if rest else shipped_take())
+        return TakeSource(Take.read(Path(rest)) if rest else shipped_take(), watched=watched)
     raise InvalidValueError("--mocap", NAMES, text, "`--mocap dtrack` listens on UDP port 5000")

@@ -5,18 +5,24 @@ A writer takes frames (height, width, 3) of ``uint8`` one at a time and holds no
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image
+from PIL import GifImagePlugin, Image
 
 from quasirigid.errors import InvalidShapeError, InvalidValueError, MissingPackageError
 
 Frame = npt.NDArray[np.uint8]
+IndexArray = npt.NDArray[np.uint8]
+"""Numbers of colours, (height, width)."""
+Box = tuple[int, int, int, int]
+"""Left, top, width, height, px."""
+TRANSPARENT = 255
+"""Number of the colour of what stays as it is in a GIF; the 255 before it are colours."""
 KINDS = (".png", ".gif", ".mp4")
 QUALITY = 8.0
 """Of MP4, 0 to 10."""
@@ -27,6 +33,9 @@ class Writer(Protocol):
 
     paths: list[Path]
     """What was written."""
+
+    def prepare(self, frames: Sequence[Frame], accents: Frame) -> None:
+        """Some frames of the film, before its first, and colours (1, n, 3) that matter though they cover little: for what all frames have in common."""
 
     def add(self, frame: Frame) -> None:
         """Write the next frame."""
@@ -48,6 +57,9 @@ class PngFrames:
         self.paths: list[Path] = []
         (out.parent if self._one else out).mkdir(parents=True, exist_ok=True)
 
+    def prepare(self, frames: Sequence[Frame], accents: Frame) -> None:
+        """Every picture is by itself."""
+
     def add(self, frame: Frame) -> None:
         """Write the next frame."""
         path = self._out if self._one else self._out / f"frame-{len(self.paths):06d}.png"
@@ -62,7 +74,10 @@ class PngFrames:
 
 
 class Gif:
-    """An animated GIF that repeats for ever. Its clock ticks in 1/100 s, so frames last a tick more or less to keep time."""
+    """An animated GIF that repeats for ever. Its clock ticks in 1/100 s, so frames last a tick more or less to keep time.
+
+    A frame is in the file as soon as it is known how long it lasts: when the next one comes. Written is what differs from the frame before.
+    """
 
     def __init__(self, path: Path, fps: float) -> None:
         """Write to ``path``, ``fps`` frames a second."""
@@ -71,30 +86,79 @@ class Gif:
         path.parent.mkdir(parents=True, exist_ok=True)
         self.paths = [path]
         self._fps = fps
-        # The palette of the first frame serves all: colours do not flicker, and frames that differ little are small.
+        self._file: BinaryIO | None = None
         self._palette: Image.Image | None = None
-        self._frames: list[Image.Image] = []
+        self._shown: IndexArray | None = None
+        self._next: tuple[IndexArray, Box] | None = None
+        self._began, self._count = 0, 0
+
+    def prepare(self, frames: Sequence[Frame], accents: Frame) -> None:
+        """Choose the colours, from some frames of the film. One palette serves all: colours do not flicker, and frames that differ little are small.
+
+        The octree is ten times faster than the median cut, and half as far off: smooth greys need their steps.
+        """
+        chosen = Image.fromarray(np.concatenate(frames)).quantize(TRANSPARENT - accents.size // 3, Image.Quantize.FASTOCTREE)
+        colours, own = np.reshape(np.array(chosen.getpalette()), (-1, 3)), accents[0].astype(int)
+        # Pillow finds the nearest colour but to four parts in 256: what is that near to an accent would take its place.
+        near = np.abs(colours[:, None] - own).max(axis=2).min(axis=1) < 4
+        self._palette = Image.new("P", (1, 1))
+        self._palette.putpalette(np.concatenate([colours[~near], own]).reshape(-1).tolist())
 
     def add(self, frame: Frame) -> None:
-        """Keep the next frame, reduced to 256 colours."""
-        image = Image.fromarray(frame)
+        """Write the next frame, reduced to 255 colours."""
         if self._palette is None:
-            self._palette = image.quantize(255, dither=Image.Dither.NONE)
-        self._frames.append(image.quantize(palette=self._palette, dither=Image.Dither.NONE))
+            self.prepare([frame], np.zeros((1, 1, 3), np.uint8))
+        assert self._palette is not None
+        image = np.asarray(Image.fromarray(frame).quantize(palette=self._palette, dither=Image.Dither.NONE))
+        if self._shown is None:
+            self._next = image, (0, 0, image.shape[1], image.shape[0])
+        else:
+            changed = image != self._shown
+            if changed.any():  # else the one before lasts longer
+                self._write()
+                self._next = _difference(image, changed)
+        self._shown = image
+        self._count += 1
+
+    def _write(self) -> None:
+        """Write the frame that waits: it is known now how long it lasts."""
+        if self._next is None:
+            return
+        assert self._palette is not None
+        pixels, (left, top, _, _) = self._next
+        image = Image.fromarray(pixels, "P")
+        image.putpalette(self._palette.getpalette() or [])
+        if self._file is None:
+            self._file = self.paths[0].open("wb")
+            for part in GifImagePlugin.getheader(image, info={"loop": 0, "optimize": False})[0]:
+                self._file.write(part)
+        end = round(100.0 * self._count / self._fps)
+        lasts, self._began = end - self._began, end
+        for part in GifImagePlugin.getdata(image, (left, top), duration=10 * lasts, transparency=TRANSPARENT, disposal=1):
+            self._file.write(part)
 
     def close(self) -> None:
-        """Write the file."""
-        if not self._frames:
-            return
-        ends = [round(100.0 * (i + 1) / self._fps) for i in range(len(self._frames))]
-        lasts = [10 * (end - start) for start, end in zip([0, *ends], ends, strict=False)]
-        first, rest = self._frames[0], self._frames[1:]
-        first.save(self.paths[0], save_all=True, append_images=rest, duration=lasts, loop=0, optimize=False)
-        self._frames = []
+        """Finish the file."""
+        self._write()
+        self._next = None
+        if self._file is not None:
+            self._file.write(b";")
+            self._file.close()
 
     def discard(self) -> None:
-        """Nothing was written yet."""
-        self._frames = []
+        """Leave no half of a film."""
+        if self._file is not None:
+            self._file.close()
+            self.paths[0].unlink(missing_ok=True)
+
+
+def _difference(image: IndexArray, changed: npt.NDArray[np.bool_]) -> tuple[IndexArray, Box]:
+    """The part of an image in which something ``changed``, what did not being transparent; and where it is."""
+    rows, columns = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
+    top, bottom, left, right = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
+    window = (slice(top, bottom), slice(left, right))
+    part: IndexArray = np.where(changed[window], image[window], np.uint8(TRANSPARENT))
+    return part, (left, top, right - left, bottom - top)
 
 
 class Mp4:
@@ -115,6 +179,9 @@ class Mp4:
             str(path), size, fps=fps, quality=QUALITY, macro_block_size=2, output_params=["-movflags", "+faststart"]
         )
         self._pipe.send(None)
+
+    def prepare(self, frames: Sequence[Frame], accents: Frame) -> None:
+        """Nothing depends on what comes."""
 
     def add(self, frame: Frame) -> None:
         """Encode the next frame."""

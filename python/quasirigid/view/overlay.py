@@ -189,7 +189,7 @@ class Overlay:
             for line, (text, size, ink, bold) in enumerate(
                 [
                     (_short(name), 13, colour, True),
-                    (f"{np.linalg.norm(state.finger_forces[finger]):.2f} N", 15, colour, True),
+                    (f"{state.normal_forces[finger]:.2f} N", 15, colour, True),  # as in the chart below
                     (f"{int(mine.sum())} contacts", 12, MUTED, False),
                     (f"{slips} slip" if slips else ("all stick" if mine.any() else ""), 12, SLIPPING if slips else MUTED, False),
                 ]

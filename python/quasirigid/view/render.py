@@ -15,9 +15,12 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import matplotlib
+import matplotlib.colors
 import numpy as np
 
 from quasirigid.errors import InvalidShapeError, InvalidValueError, UnknownNameError
+from quasirigid.palette import FINGER_COLOURS
 from quasirigid.scene_plot import CELL, compose, floor_lines, pad_colours, soft_shadow, tinted, view_of
 from quasirigid.scene_recording import SceneRecording
 from quasirigid.scene_shot import spread
@@ -25,7 +28,7 @@ from quasirigid.splats import Camera, FloatArray, Layer, halved
 from quasirigid.summary import rotate
 from quasirigid.triangles import IntArray, rasterise
 from quasirigid.view.media import Film, Frame, frame_steps, open_writer
-from quasirigid.view.overlay import Layout, Overlay
+from quasirigid.view.overlay import SLIPPING, Layout, Overlay
 from quasirigid.view.scene import BodyView, SceneState
 
 FINE = 2
@@ -40,6 +43,10 @@ FLAT = 2e-3
 """What rises no higher than this above the floor counts as the floor, m."""
 NEAR = 0.12
 """An object farther than this from the fingertips has fallen, and the camera does not follow it, m."""
+SHADES = 48
+"""Of pressure, in a GIF."""
+LOOKED_AT = 3
+"""Frames from which the colours of a GIF are chosen."""
 WORTH_JOBS = 12
 """Fewer frames are drawn before other processes have started."""
 Progress = Callable[[str, float], None]
@@ -345,6 +352,9 @@ def render(
             single = options.single or out.suffix.lower() == ".png"
             steps = [recording.step_at(end)] if single else list(renderer.steps())
             needed = list(dict.fromkeys(steps))  # in slow motion a step is shown many times
+            if out.suffix.lower() == ".gif":
+                some = np.unique(np.linspace(0, len(needed) - 1, LOOKED_AT).round().astype(int))
+                writer.prepare([renderer.frame(needed[i]) for i in some], accents())
             drawn = iter(_draw_all(renderer, needed, jobs or os.cpu_count() or 1))
             last, frame = -1, np.zeros((0, 0, 3), np.uint8)
             for i, step in enumerate(steps):
@@ -354,6 +364,14 @@ def render(
                 if progress is not None:
                     progress(f"frame {i + 1} of {len(steps)}", (i + 1) / len(steps))
         return writer.paths
+
+
+def accents() -> Frame:
+    """Colours that mean something: of pressure, of the fingers, of what slips, of the ground; (1, n, 3)."""
+    pressure = 255.0 * matplotlib.colormaps["viridis"](np.linspace(0.0, 1.0, SHADES))[:, :3]
+    others = [255.0 * np.array(matplotlib.colors.to_rgb(colour)) for colour in (*FINGER_COLOURS, SLIPPING, "white")]
+    colours: Frame = np.concatenate([pressure, others]).round().astype(np.uint8)[None]
+    return colours
 
 
 def _draw_all(renderer: Renderer, steps: list[int], jobs: int) -> Iterator[Frame]:

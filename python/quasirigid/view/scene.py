@@ -104,6 +104,27 @@ class ContactsState:
 
 
 @dataclass(frozen=True, eq=False)
+class TrackedHand:
+    """What a tracker sees of a hand; row i of every array is part i."""
+
+    names: tuple[str, ...]
+    positions: FloatArray
+    """(n, 3) centre of the sphere that models the tip, m, world; NaN where it was never seen."""
+    radii: FloatArray
+    """(n,) of that sphere, m; 0 for a palm."""
+    weights: FloatArray
+    """(n,) 0 to 1: how much of its spring acts."""
+    states: tuple[str, ...]
+    """``"live"``, ``"held"``, ``"fading"``, ``"lost"`` or ``"absent"``."""
+    fingers: tuple[int, ...]
+    """(n,) the finger of ``SceneModel.fingers`` that follows it, -1 for none."""
+    aims: FloatArray
+    """(fingers, 3) where the skin of each finger's tip is drawn to, m, world."""
+    ends: FloatArray
+    """(fingers, 3) where it is."""
+
+
+@dataclass(frozen=True, eq=False)
 class SceneState:
     """Everything at one instant."""
 
@@ -133,3 +154,5 @@ class SceneState:
     """Bodies that were set aside because they became non-finite."""
     phase: str = ""
     """What is going on, in a word or two, for the panel."""
+    tracked: TrackedHand | None = None
+    """The hand that the fingers follow, if a tracker sees one."""

@@ -26,9 +26,9 @@ IDLE = 0.01
 """How long a paused session sleeps at most before it looks at the world again, s."""
 MEASURED = 1.0
 """The real-time factor is that of the last so many seconds."""
-HISTORY = 300
-"""Samples kept for the plots."""
-SAMPLES = 15.0
+HISTORY = 160
+"""Samples kept for the plots: every one costs a page without a graphics card its share at every redrawing."""
+SAMPLES = 10.0
 """Samples per second."""
 
 

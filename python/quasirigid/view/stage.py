@@ -12,12 +12,17 @@ import viser
 
 from quasirigid.errors import InvalidValueError
 from quasirigid.view.scene import FloatArray, SceneModel
+from quasirigid.view.unlit import unlit_glb
 
 PORT = 8080
 TRIES = 50
 """Ports that are tried, one after another, when the first is in use."""
-GRID = 0.01
-"""Width of the ground grid's cells, m; every tenth line is stronger."""
+GRID, SECTION = 0.02, 0.1
+"""Width of the ground grid's cells, and of sections with stronger lines, m."""
+EXTENT = 0.4
+"""How far the grid goes each way, m."""
+CELL_COLOUR, SECTION_COLOUR = np.array([0.50, 0.52, 0.56]), np.array([0.22, 0.24, 0.28])
+"""Of the lines, linear light."""
 HANDLE = 0.04
 """Room in the picture for the gizmo above the palm, m."""
 LOCAL = ("127.0.0.1", "localhost", "::1")
@@ -70,27 +75,33 @@ def open_server(host: str, port: int, label: str) -> viser.ViserServer:
 
 
 def add_ground(server: viser.ViserServer, floor: float) -> None:
-    """The ground grid at height ``floor``, m: cells of 10 mm, sections of 100 mm."""
-    server.scene.add_grid(
+    """The ground grid at height ``floor``, m: cells of 20 mm, sections of 100 mm, fading with the distance from the middle."""
+    ticks = np.round(np.arange(-EXTENT, EXTENT + 0.5 * GRID, GRID), 9)
+    knots = np.linspace(-EXTENT, EXTENT, 7)
+    one, along = np.meshgrid(ticks, knots, indexing="ij")
+    strong = np.isclose(np.round(one / SECTION) * SECTION, one)
+    flat = np.zeros_like(one)
+    points = np.concatenate([np.stack(axes, axis=-1).reshape(-1, 3) for axes in ((one, along, flat), (along, one, flat))])
+    strong = np.concatenate([strong.ravel(), strong.ravel()])
+    near = np.clip(1.2 - np.linalg.norm(points, axis=1) / EXTENT, 0.0, 1.0)
+    colours = np.empty((len(points), 4), np.float32)
+    colours[:, :3] = np.where(strong[:, None], SECTION_COLOUR, CELL_COLOUR)
+    colours[:, 3] = near
+    first = np.arange(len(points)).reshape(-1, len(knots))[:, :-1].ravel()
+    lines = np.stack([first, first + 1], axis=1)
+    server.scene.add_glb(
         "/ground",
-        width=1.0,
-        height=1.0,
-        plane="xy",
-        cell_size=GRID,
-        section_size=10 * GRID,
-        cell_color=(205, 209, 216),
-        section_color=(165, 171, 182),
-        cell_thickness=0.6,
-        section_thickness=1.0,
-        fade_distance=0.9,
-        fade_strength=1.5,
-        shadow_opacity=0.0,
+        unlit_glb(points, lines, colours, see_through=True),
+        cast_shadow=False,
+        receive_shadow=False,
         position=(0.0, 0.0, floor + 2e-4),
     )
 
 
-def place_camera(server: viser.ViserServer, model: SceneModel, positions: FloatArray, quaternions: FloatArray) -> None:
-    """A view from in front and a little above that has objects and hand in the picture."""
+def place_camera(
+    server: viser.ViserServer, model: SceneModel, positions: FloatArray, quaternions: FloatArray, headroom: float = HANDLE
+) -> None:
+    """A view from in front and a little above that has objects and hand in the picture, and ``headroom`` m above them."""
     from quasirigid.summary import rotate
 
     clouds = [
@@ -99,7 +110,7 @@ def place_camera(server: viser.ViserServer, model: SceneModel, positions: FloatA
         if len(body.points) and body.kind != "support"
     ]
     points = np.concatenate(clouds) if clouds else np.array([[0.0, 0.0, 0.0], [0.1, 0.1, 0.1]])
-    low, high = points.min(axis=0), points.max(axis=0) + np.array([0.0, 0.0, HANDLE])
+    low, high = points.min(axis=0), points.max(axis=0) + np.array([0.0, 0.0, headroom])
     middle = 0.5 * (low + high)
     reach = max(0.5 * float(np.linalg.norm(high - low)), 0.02)
     towards = np.array([0.52, -0.80, 0.30])

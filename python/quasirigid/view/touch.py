@@ -9,6 +9,7 @@ import viser
 
 from quasirigid.summary import FloatArray, conjugate, rotate
 from quasirigid.view.draw import SceneDrawing
+from quasirigid.view.pressure import matrix_of
 from quasirigid.view.session import Frame, Session
 
 BASE_SCALE, FINGER_SCALE = 0.04, 0.02
@@ -59,7 +60,7 @@ class Touch:
         self._frame = frame
         position, quaternion = frame.base
         if "base" not in self._held:
-            place = position + rotate(quaternion, np.array([0.0, 0.0, ABOVE]))
+            place = position + ABOVE * matrix_of(quaternion)[:, 2]
             if np.abs(self._base.position - place).max() > 1e-5:
                 self._base.position = place
             if np.abs(self._base.wxyz - quaternion).max() > 1e-5:

@@ -222,7 +222,7 @@ def _link_meshes(hand: Hand, finger: int, own: Colour) -> list[tuple[int, Mesh, 
         start_radius, end_radius = LINK_RADII[i], LINK_RADII[i + 1]
         parts.append((link, tapered_capsule(np.zeros(3), end, start_radius, end_radius), BONE, "link"))
         axle = np.array([0.0, 1.04 * start_radius, 0.0])
-        parts.append((link, tapered_capsule(-axle, axle, KNUCKLE * start_radius, KNUCKLE * start_radius), own, "joint"))
+        parts.append((link, tapered_capsule(-axle, axle, KNUCKLE * start_radius, KNUCKLE * start_radius, around=12, caps=2), own, "joint"))
     points, normals = surface.points, surface.normals
     parts.append((len(links) - 1, mirrored(points, normals, triangulate(points, normals), outwards), NAIL, "nail"))
     return parts

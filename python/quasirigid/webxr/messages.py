@@ -9,8 +9,9 @@ Page to server, binary, one message per frame of the headset, little-endian, alw
 
 and texts, JSON: ``{"type": "recentre", "position": [x, y, z], "forward": [x, y, z]}``, eyes and view direction in the room.
 
-Server to page: texts ``hello``, ``writer``, ``placement``, and packed messages: uint32 length of a JSON header, the header, then the arrays
-it lists under ``arrays`` as ``name: [type, offset, items]``, offsets in bytes from the end of the header, all multiples of 4.
+Server to page: texts ``hello``, ``writer`` (``yours``: whether this page's hands are listened to), ``placement``, and packed messages
+(``wire.py`` makes them): uint32 length of a JSON header, the header, then the arrays it lists under ``arrays`` as
+``name: [type, offset, items]``, offsets in bytes from the end of the header, all multiples of 4.
 """
 
 from __future__ import annotations
@@ -23,7 +24,6 @@ import numpy as np
 import numpy.typing as npt
 
 from quasirigid.errors import PacketError
-from quasirigid.view.scene import SceneModel, SceneState
 from quasirigid.webxr.joints import JOINTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -93,48 +93,3 @@ def packed(header: dict[str, Any], arrays: dict[str, npt.NDArray[Any]]) -> bytes
     text = json.dumps(header | {"arrays": table}, allow_nan=False).encode()
     text += b" " * (-len(text) % 4)
     return b"".join([struct.pack("<I", len(text)), text, *blocks])
-
-
-def model_message(model: SceneModel) -> bytes:
-    """The bodies: meshes in their own frames, float32."""
-    arrays: dict[str, npt.NDArray[Any]] = {}
-    bodies = []
-    for i, body in enumerate(model.bodies):
-        bodies.append({"name": body.name, "kind": body.kind, "colour": [float(c) for c in body.colour]})
-        arrays |= {
-            f"points{i}": body.points.astype(np.float32),
-            f"normals{i}": body.normals.astype(np.float32),
-            f"faces{i}": body.faces.astype(np.uint32),
-        }
-    return packed({"type": "model", "bodies": bodies, "floor": float(model.floor)}, arrays)
-
-
-def state_message(state: SceneState) -> bytes:
-    """Poses (bodies, 7), surface points that are displaced, contact forces (c, 6) from point to force, and their sums per pair of bodies."""
-    c = state.contacts
-    arrays: dict[str, npt.NDArray[Any]] = {
-        "poses": np.concatenate([state.positions, state.quaternions], axis=1).astype(np.float32),
-        "contacts": np.concatenate([c.points, c.forces], axis=1).astype(np.float32),
-        "status": c.status,
-        "sums": _sums(state).astype(np.float32),
-    }
-    for i, moved in state.moved.items():
-        arrays |= {f"moved{i}": moved.indices.astype(np.uint32), f"to{i}": moved.points.astype(np.float32)}
-    header = {"type": "state", "time": state.time, "step": state.step, "phase": state.phase, "moved": sorted(state.moved)}
-    return packed(header, arrays)
-
-
-def _sums(state: SceneState) -> FloatArray:
-    """(pairs, 6): middle of the patch, weighted by force, m, and the force on the first body, N, world."""
-    c = state.contacts
-    if not len(c):
-        return np.zeros((0, 6))
-    pairs, which = np.unique(np.stack([c.body_a, c.body_b], axis=1), axis=0, return_inverse=True)
-    which = which.reshape(-1)
-    forces, middles, weights = np.zeros((len(pairs), 3)), np.zeros((len(pairs), 3)), np.zeros(len(pairs))
-    size = np.linalg.norm(c.forces, axis=1)
-    np.add.at(forces, which, c.forces)
-    np.add.at(weights, which, size)
-    np.add.at(middles, which, size[:, None] * c.points)
-    loaded = weights > 1e-6
-    return np.concatenate([middles[loaded] / weights[loaded, None], forces[loaded]], axis=1)

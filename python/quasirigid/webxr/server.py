@@ -23,15 +23,22 @@ from quasirigid._quasirigid import HandFrame
 from quasirigid.errors import InvalidValueError, NetworkError, PacketError
 from quasirigid.view.scene import SceneModel, SceneState
 from quasirigid.webxr.joints import JOINTS, Side, hand_frame
-from quasirigid.webxr.messages import HANDS_SIZE, TEXT_LIMIT, model_message, read_hands, read_recentre, state_message
+from quasirigid.webxr.messages import HANDS_SIZE, TEXT_LIMIT, read_hands, read_recentre
 from quasirigid.webxr.pages import HEADERS, LOCAL, named_locally, page_files, same_origin
 from quasirigid.webxr.placement import Placement
+from quasirigid.webxr.wire import SceneWire
 
 PORT = 8082
+IDLE = 60.0
+"""For so long a session waits for hands that have gone: a headset is taken off, a page loaded again, s."""
 STATES = 40.0
 """States sent per second, at most."""
 CLIENTS = 8
 """Pages that may be open at the same time."""
+SILENT = 1.0
+"""Another page may take over from one that has sent no hands for so long, s: a headset that was taken off, or that fell out of the network."""
+ASKED_EVERY, ANSWER_WITHIN = 4.0, 6.0
+"""How often a page is asked whether it is still there, and how long it may take, s."""
 WAITING = 2_000
 """Frames that wait to be taken, at most; the oldest go first."""
 LOST = np.full((len(JOINTS), 8), np.nan)
@@ -40,7 +47,7 @@ LOST = np.full((len(JOINTS), 8), np.nan)
 class XrServer:
     """A source of hands (``quasirigid.mocap.stream.Source``) and a viewer. Methods may be called from any thread.
 
-    The first page that sends hands is the one that is listened to, until it goes. Poses come out in the world, by the placement.
+    The first page that sends hands is the one that is listened to, until it goes or falls silent. Poses come out in the world, by the placement.
     """
 
     paced = True
@@ -72,7 +79,11 @@ class XrServer:
         self._counts = dict.fromkeys(("packets", "malformed", "refused", "lost", "recentred", "connections"), 0)
         self._clients: dict[ServerConnection, asyncio.Event] = {}
         self._writer: ServerConnection | None = None
+        self._heard = float("-inf")
+        self._standing: dict[ServerConnection, bool] = {}
         self._shift = self._last = 0.0
+        self._wire: SceneWire | None = None
+        self._news: tuple[SceneWire, SceneState] | None = None
         self._model: bytes | None = None
         self._state: bytes | None = None
         self._drawn = float("-inf")
@@ -144,9 +155,10 @@ class XrServer:
 
     def begin(self, model: SceneModel) -> None:
         """Show this scene from now on."""
-        message = model_message(model)
+        wire = SceneWire(model)
+        message = wire.model_message()
         with self._lock:
-            self._model, self._state, self._drawn = message, None, float("-inf")
+            self._wire, self._model, self._state, self._news, self._drawn = wire, message, None, None, float("-inf")
         self._wake()
 
     def wants_state(self) -> bool:
@@ -155,9 +167,9 @@ class XrServer:
 
     def draw(self, state: SceneState) -> None:
         """Show this state; a page that is slow gets the newest one when it is ready."""
-        message = state_message(state)
         with self._lock:
-            self._state, self._drawn = message, time.monotonic()
+            if self._wire is not None:
+                self._news, self._drawn = (self._wire, state), time.monotonic()
         self._wake()
 
     def _wake(self) -> None:
@@ -194,6 +206,8 @@ class XrServer:
             ssl=self._tls,
             logger=quiet,
             open_timeout=10.0,
+            ping_interval=ASKED_EVERY,
+            ping_timeout=ANSWER_WITHIN,
             close_timeout=1.0,
         ) as server:
             host, bound = server.sockets[0].getsockname()[:2]
@@ -230,6 +244,7 @@ class XrServer:
         finally:
             sender.cancel()
             del self._clients[connection]
+            self._standing.pop(connection, None)
             if self._writer is connection:
                 self._writer = None
                 self._frame(LOST, self._last + 1e-3)
@@ -247,16 +262,27 @@ class XrServer:
         except (PacketError, InvalidValueError):
             self._count("malformed")
             return
+        now = self.now()
+        if self._writer not in (None, connection) and now - self._heard > SILENT:
+            self._stand(self._writer, yours=False)
+            self._writer = None
+            self._frame(LOST, self._last + 1e-3)
         if self._writer is None:
-            # The clock of another page began elsewhere; the tracker's must go on.
-            self._writer, self._shift = connection, self.now() - moment
-            await connection.send(json.dumps({"type": "writer", "yours": True}))
+            # The clock of another page began elsewhere; the tracker's must go on, and come after the frame without a hand.
+            self._writer, self._shift = connection, max(now, self._last + 2e-3) - moment
+        self._stand(connection, yours=self._writer is connection)
         if self._writer is not connection:
             self._count("refused")
             return
         self._count("packets")
-        self._last = moment + self._shift
+        self._heard, self._last = now, moment + self._shift
         self._frame(hands.get(self._side, LOST), self._last)
+
+    def _stand(self, connection: ServerConnection | None, *, yours: bool) -> None:
+        """Have a page told whether its hands are listened to, if it does not know."""
+        if connection in self._clients and self._standing.get(connection) is not yours:
+            self._standing[connection] = yours
+            self._clients[connection].set()
 
     def _count(self, what: str) -> None:
         with self._lock:
@@ -280,19 +306,40 @@ class XrServer:
         for news in self._clients.values():
             news.set()
 
+    def _write(self) -> None:
+        """Make a message of the newest state: once for all pages, and in this thread, while the session's goes on with its step."""
+        with self._lock:
+            news, self._news = self._news, None
+        if news is None:
+            return
+        wire, state = news
+        model = wire.model_message() if wire.outgrown(state) else None
+        message = wire.state_message(state)
+        with self._lock:
+            if wire is self._wire:
+                self._model, self._state = model or self._model, message
+
     async def _send(self, connection: ServerConnection, news: asyncio.Event) -> None:
         """Whatever this page does not know yet, the newest of each kind."""
-        known: list[object] = [None, None, None]
+        known: list[object] = [None] * 4
         await connection.send(json.dumps({"type": "hello", "hand": self._side, "size": HANDS_SIZE}))
         while True:
             await news.wait()
             news.clear()
+            self._write()
             with self._lock:
-                newest: list[Any] = [self._placement, self._model, self._state]
+                standing = self._standing.get(connection)
+                newest: list[Any] = [self._placement, self._model, self._state, standing]
             for i, item in enumerate(newest):
                 if item is not known[i] and item is not None:
-                    await connection.send(json.dumps(item.message()) if isinstance(item, Placement) else item)
+                    await connection.send(_written(item))
                 known[i] = item
+
+
+def _written(item: Placement | bytes | bool) -> str | bytes:
+    if isinstance(item, Placement):
+        return json.dumps(item.message())
+    return json.dumps({"type": "writer", "yours": item}) if isinstance(item, bool) else item
 
 
 def _response(status: int, phrase: str, kind: str, content: bytes) -> Response:

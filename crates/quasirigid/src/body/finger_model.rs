@@ -81,6 +81,18 @@ impl FingerModel {
         Ok(Self { name: name.into(), base, joints })
     }
 
+    /// The same finger with the stiffness and the damping of its position controllers multiplied by these factors.
+    ///
+    /// # Errors
+    /// A factor that is negative or not finite.
+    pub fn with_gains(&self, stiffness: Real, damping: Real) -> Result<Self> {
+        check_non_negative("factor of the joints' stiffness", stiffness, "-")?;
+        check_non_negative("factor of the joints' damping", damping, "-")?;
+        let scaled =
+            |joint: &JointModel| JointModel { stiffness: stiffness * joint.stiffness, damping: damping * joint.damping, ..joint.clone() };
+        Self::new(self.name.clone(), self.base, self.joints.iter().map(scaled).collect())
+    }
+
     /// What the finger is called.
     pub fn name(&self) -> &str {
         &self.name

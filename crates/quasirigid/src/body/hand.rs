@@ -134,6 +134,15 @@ impl HandModel {
         Self::new("three_finger", fingers, vec![built_in_tip(); 3])
     }
 
+    /// The same hand with the stiffness and the damping of all position controllers multiplied by these factors.
+    ///
+    /// # Errors
+    /// See [`FingerModel::with_gains`].
+    pub fn with_gains(&self, stiffness: Real, damping: Real) -> Result<Self> {
+        let fingers = self.fingers.iter().map(|finger| finger.with_gains(stiffness, damping)).collect::<Result<_>>()?;
+        Self::new(self.name.clone(), fingers, self.tips.clone())
+    }
+
     /// What the hand is called.
     pub fn name(&self) -> &str {
         &self.name
@@ -234,6 +243,21 @@ mod tests {
         }
         let knuckles: Vec<Vec3> = hand.fingers().iter().map(|finger| finger.base().translation.vector).collect();
         assert!((22e-3..=28e-3).contains(&(knuckles[1] - knuckles[2]).norm()));
+    }
+
+    #[test]
+    fn gains_are_multiplied_and_nothing_else_changes() {
+        let hand = HandModel::three_finger().unwrap();
+        let stiffer = hand.with_gains(2.0, 0.5).unwrap();
+        let pairs = hand.fingers().iter().zip(stiffer.fingers()).flat_map(|(a, b)| a.joints().iter().zip(b.joints()));
+        for (before, after) in pairs {
+            let expected = JointModel { stiffness: 2.0 * before.stiffness, damping: 0.5 * before.damping, ..before.clone() };
+            assert_eq!(*after, expected);
+        }
+        assert_eq!(hand.with_gains(1.0, 1.0).unwrap(), hand);
+        for wrong in [-1.0, Real::NAN, Real::INFINITY] {
+            assert!(hand.with_gains(wrong, 1.0).is_err() && hand.with_gains(1.0, wrong).is_err());
+        }
     }
 
     #[test]

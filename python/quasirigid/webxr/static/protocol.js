@@ -24,7 +24,7 @@ export function handsMessage() {
   };
 }
 
-const TYPES = { float32: Float32Array, uint32: Uint32Array, uint8: Uint8Array };
+const TYPES = { float32: Float32Array, uint32: Uint32Array, uint16: Uint16Array, uint8: Uint8Array, int8: Int8Array };
 
 /** Header of a packed message, with its arrays in place of where they lie. */
 export function unpack(buffer) {

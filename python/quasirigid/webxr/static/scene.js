@@ -1,26 +1,36 @@
 // Draws the scene in the world's own axes (z up); where the world stands in the room is the pose of `world`.
 import * as THREE from './three.js';
+import { Arrows } from './arrows.js';
+import { Table } from './room.js';
 
-const NEWTON = 0.012; // length of the arrow of 1 N, m, as in the viewer
-const STATUS = [new THREE.Color('#888888'), new THREE.Color('#0072b2'), new THREE.Color('#d55e00')]; // open, stick, slip
-const SUM = new THREE.Color('#28303a');
+const NEWTON = 0.012; // length of a finger's arrow, m per N, as in the live view
+const LONGEST = 0.005; // of the arrows of contacts, m
+const LOADED = 3; // of 255: points under less keep the colour of the pad
+const GLASS = 0.42; // opacity of what is taken
+const SHEER = 0.6; // and of what it stands on, in one's own room
+const STATUS = [new THREE.Color('#888888'), new THREE.Color('#0072b2'), new THREE.Color('#e69f00')]; // open, stick, slip
 // The world's axes in the room: x away from the user (-z), y to the left (-x), z up (y).
 const AXES = new THREE.Quaternion(-0.5, 0.5, 0.5, 0.5);
+const NOTHING = [];
 
 export class WorldDrawing {
   constructor(scene) {
     this.world = new THREE.Group();
     scene.add(this.world);
     this.bodies = [];
-    this.lines = new Lines(this.world);
+    this.fingers = [];
+    this.table = new Table(this.world);
+    this.contacts = new Arrows(this.world, 0.00035, 0.0016);
+    this.sums = new Arrows(this.world, 0.0014, 0.009);
     this.states = 0;
-    this.phase = '';
+    this.through = false;
     this.place([0, 0.75, -0.4], 0);
   }
 
   place(position, heading) {
     this.world.position.fromArray(position);
     this.world.quaternion.setFromAxisAngle(new THREE.Vector3(0, 1, 0), heading).multiply(AXES);
+    this.table.stand(position[1]);
   }
 
   show(model) {
@@ -29,23 +39,15 @@ export class WorldDrawing {
       body.geometry.dispose();
       body.material.dispose();
     }
+    this.colours = linear(model.arrays.colours);
+    this.fingers = model.fingers.map(({ name, colour }) => ({ name, css: colour, colour: new THREE.Color(colour) }));
     this.bodies = model.bodies.map((body, i) => {
-      const geometry = new THREE.BufferGeometry();
-      const points = new THREE.BufferAttribute(model.arrays[`points${i}`], 3);
-      points.setUsage(THREE.DynamicDrawUsage);
-      geometry.setAttribute('position', points);
-      geometry.setAttribute('normal', new THREE.BufferAttribute(model.arrays[`normals${i}`], 3));
-      geometry.setIndex(new THREE.BufferAttribute(model.arrays[`faces${i}`], 1));
-      const clear = body.kind === 'object';
-      const colour = new THREE.Color().setRGB(...body.colour, 'srgb');
-      const material = new THREE.MeshStandardMaterial({ color: colour, roughness: 0.7, transparent: clear, opacity: clear ? 0.6 : 1 });
-      const mesh = new THREE.Mesh(geometry, material);
-      mesh.name = body.name;
-      mesh.rest = points.array.slice();
-      mesh.moved = null;
+      const mesh = solid(body, model.arrays[`points${i}`], model.arrays[`normals${i}`], model.arrays[`faces${i}`]);
+      if (body.kind === 'support') sheer(mesh, this.through);
       this.world.add(mesh);
       return mesh;
     });
+    this.table.lay(model.floor);
     this.states = 0;
   }
 
@@ -56,95 +58,77 @@ export class WorldDrawing {
       const [x, y, z, w, a, b, c] = poses.subarray(7 * i, 7 * i + 7);
       body.position.set(x, y, z);
       body.quaternion.set(a, b, c, w);
-      deform(body, state.arrays[`moved${i}`], state.arrays[`to${i}`]);
+      this.deform(body, state.arrays[`at${i}`] ?? NOTHING, state.arrays[`by${i}`], state.quanta_m[i], state.arrays[`press${i}`]);
     });
-    this.lines.begin();
-    for (let i = 0; i < status.length; i++) this.lines.force(contacts, 6 * i, STATUS[status[i]]);
-    for (let i = 0; i < sums.length; i += 6) this.lines.force(sums, i, SUM);
-    this.lines.end();
+    let largest = 1e-9;
+    for (let i = 0; i < contacts.length; i += 6) largest = Math.max(largest, Math.hypot(...contacts.subarray(i + 3, i + 6)));
+    this.contacts.begin();
+    for (let i = 0; i < status.length; i++) this.contacts.add(contacts, 6 * i, LONGEST / largest, STATUS[status[i]]);
+    this.contacts.end();
+    this.sums.begin();
+    this.fingers.forEach((finger, i) => this.sums.add(sums, 6 * i, NEWTON, finger.colour));
+    this.sums.end();
     this.states += 1;
-    this.phase = state.phase;
+  }
+
+  /** Moves the points that yield, in steps of `quantum` (m), and those back that did; colours them by the pressure on them. */
+  deform(body, indices, by, quantum, press) {
+    if (!indices.length && !body.moved.length) return;
+    const { position, color } = body.geometry.attributes;
+    for (const i of body.moved) {
+      position.array.set(body.rest.subarray(3 * i, 3 * i + 3), 3 * i);
+      if (color) body.plain.toArray(color.array, 3 * i);
+    }
+    indices.forEach((i, row) => {
+      for (let k = 3 * i, j = 3 * row; j < 3 * row + 3; k++, j++) position.array[k] += quantum * by[j];
+      if (press && press[row] >= LOADED) color.array.set(this.colours.subarray(3 * press[row], 3 * press[row] + 3), 3 * i);
+    });
+    body.moved = indices;
+    position.needsUpdate = true;
+    if (color) color.needsUpdate = true;
+  }
+
+  /** Whether the things of the person's own room can be seen behind the scene. */
+  passthrough(on) {
+    this.through = on;
+    this.table.passthrough(on);
+    for (const body of this.bodies.filter(({ kind }) => kind === 'support')) sheer(body, on);
   }
 }
 
-/** Moves the points that yield, and those back that did. */
-function deform(body, indices, points) {
-  if (!indices && !body.moved) return;
-  const attribute = body.geometry.attributes.position;
-  for (const i of body.moved ?? []) attribute.array.set(body.rest.subarray(3 * i, 3 * i + 3), 3 * i);
-  indices?.forEach((i, row) => attribute.array.set(points.subarray(3 * row, 3 * row + 3), 3 * i));
-  body.moved = indices ?? null;
-  attribute.needsUpdate = true;
+/** A body's mesh. Those that press have a colour at each point; those that are taken are see-through, so that one sees what presses on them. */
+function solid(body, points, normals, faces) {
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute('position', new THREE.BufferAttribute(points, 3).setUsage(THREE.DynamicDrawUsage));
+  geometry.setAttribute('normal', new THREE.BufferAttribute(normals, 3));
+  geometry.setIndex(new THREE.BufferAttribute(faces, 1));
+  const plain = new THREE.Color().setRGB(...body.colour, 'srgb');
+  const clear = body.kind === 'object';
+  const felt = body.kind === 'fingertip';
+  const material = new THREE.MeshLambertMaterial({ transparent: clear, opacity: clear ? GLASS : 1, depthWrite: !clear });
+  if (felt) {
+    const colours = new Float32Array(points.length);
+    for (let i = 0; i < points.length; i += 3) plain.toArray(colours, i);
+    geometry.setAttribute('color', new THREE.BufferAttribute(colours, 3).setUsage(THREE.DynamicDrawUsage));
+    material.vertexColors = true;
+  } else material.color = plain;
+  const mesh = new THREE.Mesh(geometry, material);
+  mesh.castShadow = body.kind !== 'support';
+  mesh.receiveShadow = body.kind === 'support';
+  return Object.assign(mesh, { name: body.name, kind: body.kind, plain, rest: points.slice(), moved: NOTHING });
 }
 
-/** Line segments whose number changes. */
-class Lines {
-  constructor(parent) {
-    this.parent = parent;
-    this.room = 0;
-    this.grow(256);
-  }
-
-  grow(room) {
-    const old = this.mesh;
-    const geometry = new THREE.BufferGeometry();
-    for (const name of ['position', 'color']) {
-      const attribute = new THREE.BufferAttribute(new Float32Array(6 * room), 3);
-      if (old) attribute.array.set(old.geometry.attributes[name].array);
-      geometry.setAttribute(name, attribute.setUsage(THREE.DynamicDrawUsage));
-    }
-    this.mesh = new THREE.LineSegments(geometry, old?.material ?? new THREE.LineBasicMaterial({ vertexColors: true }));
-    this.mesh.frustumCulled = false;
-    if (old) {
-      this.parent.remove(old);
-      old.geometry.dispose();
-    }
-    this.parent.add(this.mesh);
-    this.room = room;
-  }
-
-  begin() {
-    this.count = 0;
-  }
-
-  force(array, at, colour) {
-    if (this.count === this.room) this.grow(2 * this.room);
-    const { position, color } = this.mesh.geometry.attributes;
-    for (let k = 0; k < 3; k++) {
-      position.array[6 * this.count + k] = array[at + k];
-      position.array[6 * this.count + 3 + k] = array[at + k] + NEWTON * array[at + 3 + k];
-    }
-    colour.toArray(color.array, 6 * this.count);
-    colour.toArray(color.array, 6 * this.count + 3);
-    this.count += 1;
-  }
-
-  end() {
-    const { position, color } = this.mesh.geometry.attributes;
-    position.needsUpdate = color.needsUpdate = true;
-    this.mesh.geometry.setDrawRange(0, 2 * this.count);
-  }
+/** Lets the person's own table be seen through what the scene stands on. */
+function sheer(body, on) {
+  Object.assign(body.material, { transparent: on, opacity: on ? SHEER : 1, needsUpdate: true });
 }
 
-/** The user's own joints as small balls, in the room. */
-export class JointBalls {
-  constructor(scene, count) {
-    const material = new THREE.MeshStandardMaterial({ color: '#e69f00', transparent: true, opacity: 0.5 });
-    this.mesh = new THREE.InstancedMesh(new THREE.SphereGeometry(1, 10, 8), material, count);
-    this.mesh.frustumCulled = false;
-    this.matrix = new THREE.Matrix4();
-    scene.add(this.mesh);
-    this.show(null);
+/** Bytes of sRGB as what three.js computes with. */
+function linear(bytes) {
+  const colours = new Float32Array(bytes.length);
+  const colour = new THREE.Color();
+  for (let i = 0; i < bytes.length; i += 3) {
+    colour.setRGB(bytes[i] / 255, bytes[i + 1] / 255, bytes[i + 2] / 255, 'srgb').toArray(colours, i);
   }
-
-  show(joints) {
-    for (let i = 0; i < this.mesh.count; i++) {
-      const seen = joints && Number.isFinite(joints[8 * i]);
-      const size = seen ? 0.6 * (joints[8 * i + 7] || 0.008) : 0;
-      this.matrix.makeScale(size, size, size);
-      if (seen) this.matrix.setPosition(joints[8 * i], joints[8 * i + 1], joints[8 * i + 2]);
-      this.mesh.setMatrixAt(i, this.matrix);
-    }
-    this.mesh.instanceMatrix.needsUpdate = true;
-  }
+  return colours;
 }

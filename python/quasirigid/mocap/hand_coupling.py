@@ -1,0 +1,125 @@
+"""The whole hand: a base that goes with the tracked palm, fingers that reach for the tracked tips."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from quasirigid._quasirigid import Body, Hand, HandModel, HandTargets, Material, World
+from quasirigid.errors import InvalidValueError
+from quasirigid.mocap.coupling import PAD_CONTROL_POINTS, PAD_POINTS, PALM, pad_places
+from quasirigid.mocap.springs import OFFSET_FADES, OFFSET_GONE, Offset
+from quasirigid.mocap.turns import matrix, product, quaternion, rotation_vector
+from quasirigid.summary import conjugate
+
+FloatArray = npt.NDArray[np.float64]
+BASE_IN_PALM = (0.014, -0.012, 0.018)
+"""Origin of the three-finger hand in the palm frame of a right hand, m: between the fingers, over the knuckles; axes as the palm's."""
+FASTEST = (0.5, 3.0)
+"""With which a base is taken, at most, to a palm that was lost and is seen elsewhere, m/s and rad/s: what it holds comes along."""
+
+
+class Base:
+    """Where the base of the hand goes: with the palm. It stays where it is while the palm is lost, and glides to it when it is seen again."""
+
+    def __init__(self, place: FloatArray, turn: FloatArray) -> None:
+        """``place`` (3,) m and ``turn`` (4,): where it begins, world."""
+        self.place, self.turn = place, turn
+        self._weight = 1.0
+        self._away: FloatArray = np.zeros(6)
+        """From where it should be to where it is: m, and rotation vector, world."""
+
+    def follow(self, place: FloatArray, turn: FloatArray, weight: float, dt: float) -> None:
+        """Go on for ``dt`` s; it should be at ``place`` and ``turn``, of which ``weight`` is to be believed."""
+        if weight > 0.0:
+            if self._weight == 0.0:
+                self._away = np.concatenate([self.place - place, rotation_vector(product(self.turn, conjugate(turn)))])
+            elif self._away.any():
+                # Exponentially, but no faster than the limit.
+                for part, fastest in zip((self._away[:3], self._away[3:]), FASTEST, strict=True):
+                    size = float(np.linalg.norm(part))
+                    part *= 1.0 - min(dt / OFFSET_FADES, fastest * dt / max(size, 1e-12)) if size > OFFSET_GONE else 0.0
+            self.place, self.turn = place + self._away[:3], product(quaternion(self._away[3:]), turn)
+        self._weight = weight
+
+
+class HandCoupling:
+    """The three-finger hand: its base goes with the palm, its fingers reach for thumb, index and middle finger, within their joint limits."""
+
+    fingers: tuple[str, ...]
+    rows: tuple[int, ...]
+
+    def __init__(
+        self, world: World, targets: HandTargets, pad: Material, *, side: str = "right", gains: tuple[float, float] = (1.0, 1.0)
+    ) -> None:
+        """Add the hand to ``world`` where the palm is now. ``gains``: factors of the joints' stiffness and damping.
+
+        Raises ``InvalidValueError`` if palm, thumb, index and middle finger were not all seen.
+        """
+        # Seen from the palm a left hand has its index finger on the other side.
+        self.rows = (0, 1, 2) if side == "right" else (0, 2, 1)
+        if not np.isfinite(targets.positions[[*self.rows, PALM]]).all():
+            expected = "palm, thumb, index and middle finger to have been seen"
+            raise InvalidValueError(
+                "targets", expected, "one of them was not", "wait until the tracker sees them, or couple the tips alone"
+            )
+        self._base_in_palm = np.array(BASE_IN_PALM) * [1.0, 1.0 if side == "right" else -1.0, 1.0]
+        self._dt = world.dt
+        base, turn = self._wanted(targets)
+        self._base = Base(base, turn)
+        model = HandModel.three_finger().with_gains(*gains)
+        self._hand = world.add_hand(
+            model, position=base, quaternion=turn, material=pad, points=PAD_POINTS, control_points=PAD_CONTROL_POINTS
+        )
+        self.fingers = tuple(model.finger_names)
+        # Searched from half-closed: a stretched finger cannot tell which way to bend.
+        middle = 0.5 * (model.lower_limits + model.upper_limits)
+        self._aims = self._reach(targets, middle, iterations=200)
+        self._hand.joint_positions = self._aims
+        self._hand.joint_targets = self._aims
+        self._offsets = [Offset(self._aims.shape[1]) for _ in self.rows]
+
+    @property
+    def pads(self) -> list[Body]:
+        """None: they belong to the hand."""
+        return []
+
+    @property
+    def hands(self) -> list[Hand]:
+        """The hand."""
+        return [self._hand]
+
+    @property
+    def ends(self) -> FloatArray:
+        """Apex of every pad's skin, (fingers, 3) m, world."""
+        return self._hand.tip_poses()[0]
+
+    def _wanted(self, targets: HandTargets) -> tuple[FloatArray, FloatArray]:
+        """Place (3,) m and quaternion (4,) of the base if it were with the palm."""
+        turn = targets.quaternions[PALM]
+        return targets.positions[PALM] + matrix(turn) @ self._base_in_palm, turn
+
+    def _reach(self, targets: HandTargets, start: FloatArray, iterations: int = 12) -> FloatArray:
+        apex, facing = pad_places(targets)
+        rows, to_world = list(self.rows), matrix(self._base.turn)
+        places, ways = (apex[rows] - self._base.place) @ to_world, facing[rows] @ to_world
+        found = [self._hand.reach(f, places[f], ways[f], start=start[f], iterations=iterations) for f in range(len(rows))]
+        self.miss: FloatArray = np.array([error for _, error in found])
+        """How far the fingers fall short of the tracked tips, m: beyond their reach or their joint limits."""
+        return np.stack([joints for joints, _ in found])
+
+    def follow(self, targets: HandTargets, rate: float = 1.0) -> None:  # noqa: ARG002  # joint controllers aim at places, not velocities
+        """Aim at these targets in the next step. Fingers that the tracker has lost go limp; the base stays where the palm was lost."""
+        self._base.follow(*self._wanted(targets), float(targets.weights[PALM]), self._dt)
+        self._hand.move_to(self._base.place, self._base.turn)
+        self._aims = self._reach(targets, self._aims)
+        weights = targets.weights[list(self.rows)]
+        if weights.min() == 1.0 and all(offset.zero and offset.weight == 1.0 for offset in self._offsets):
+            self._hand.joint_targets = self._aims
+            return
+        # A controller of weight w is one whose target is w of the way from where the joints are to where they should be.
+        joints, goals = self._hand.joint_positions, self._aims.copy()
+        for f, (weight, offset) in enumerate(zip(weights.tolist(), self._offsets, strict=True)):
+            offset.update(weight, self._aims[f] - joints[f] if weight > offset.weight else None, self._dt)
+            goals[f] += offset.value
+        self._hand.joint_targets = joints + weights[:, None] * (goals - joints)

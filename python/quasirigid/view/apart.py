@@ -1,0 +1,167 @@
+"""A page that only looks, in a process of its own: drawing takes nothing from the steps but the copying of a state, some tenths of a millisecond.
+
+A thread would not do. Steps of a millisecond that are done in Python between two calls of the engine wait for the interpreter's lock, which a thread
+that draws holds for milliseconds.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import time
+from collections import deque
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+
+from quasirigid.errors import NetworkError
+from quasirigid.view import words
+from quasirigid.view.scene import SceneModel, SceneState
+from quasirigid.view.stage import LOCAL, PORT, free_port
+
+STATES = 30.0
+"""States sent to the page per second, at most."""
+MEASURED = 1.0
+"""The pace that is shown is that of the last so many seconds."""
+HEADROOM = 0.2
+"""Room for a hand above what is there at the start, m."""
+PATIENCE = 60.0
+"""Seconds that a busy machine may take to start the page."""
+
+
+class PageApart:
+    """A viewer of a session (``quasirigid.mocap.session.Viewer``). The newest state wins: a slow page misses some, the session never waits."""
+
+    def __init__(self, *, host: str = "127.0.0.1", port: int = PORT) -> None:
+        """Serve the page on ``port`` or the next free one of the address ``host``.
+
+        Raises ``InvalidValueError`` for an address that is not this machine's, ``NetworkError`` if the page does not start.
+        """
+        self.host, self.port = host, free_port(host, port)
+        context = get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs, host, self.port), name="quasirigid-view", daemon=True)
+        self._process.start()
+        theirs.close()
+        try:
+            if not self._pipe.poll(PATIENCE):
+                raise EOFError
+            self.port = int(self._pipe.recv())
+        except (EOFError, OSError):
+            self._process.terminate()
+            raise NetworkError("page of the view", "to start", "it did not", "try another port") from None
+        self._news = threading.Condition()
+        self._model: SceneModel | None = None
+        self._state: SceneState | None = None
+        self._ending = False
+        self._drawn = float("-inf")
+        self._thread = threading.Thread(target=self._send, name="quasirigid-view-sender", daemon=True)
+        self._thread.start()
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://{'localhost' if self.host in (*LOCAL, '0.0.0.0', '::') else self.host}:{self.port}"
+
+    @property
+    def alive(self) -> bool:
+        """Whether the page is there."""
+        return self._thread.is_alive()
+
+    def begin(self, model: SceneModel) -> None:
+        """Show this scene from now on."""
+        with self._news:
+            self._model, self._state, self._drawn = model, None, float("-inf")
+
+    def wants_state(self) -> bool:
+        """Whether the last state is old enough, and on its way."""
+        return self._state is None and time.monotonic() - self._drawn >= 1.0 / STATES and self.alive
+
+    def draw(self, state: SceneState) -> None:
+        """Show this state, unless a newer one comes before the page is ready for it."""
+        with self._news:
+            self._state, self._drawn = state, time.monotonic()
+            self._news.notify()
+
+    def close(self) -> None:
+        """End the page."""
+        with self._news:
+            self._ending = True
+            self._news.notify()
+        self._thread.join(timeout=2.0)
+        if self._thread.is_alive():
+            self._process.terminate()  # it hangs: so whoever waits to send to it gives up
+        self._pipe.close()
+        self._process.join(timeout=5.0)
+        if self._process.is_alive():
+            self._process.terminate()
+
+    def __enter__(self) -> PageApart:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _send(self) -> None:
+        try:
+            while True:
+                with self._news:
+                    self._news.wait_for(lambda: self._state is not None or self._ending)
+                    if self._ending:
+                        return
+                    model, state, self._model, self._state = self._model, self._state, None, None
+                self._pipe.send((model, state))
+        except OSError:
+            if not self._ending:
+                print("quasirigid: the page of the view has ended; the session goes on", file=sys.stderr, flush=True)
+
+
+def _serve(pipe: Connection, host: str, port: int) -> None:
+    """The process: draws what comes through ``pipe`` until it is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the session, which then closes the pipe
+    from quasirigid.view.onlook import OnlookPage  # the server takes half a second to import
+
+    page = OnlookPage(host, port, headroom=HEADROOM)
+    pipe.send(page.server.get_port())
+    trace: deque[tuple[float, float]] = deque()
+    state: SceneState | None = None
+    settled = False
+    try:
+        while True:
+            if pipe.poll(0.1):
+                settled = False
+                model, state = _newest(pipe)
+                if model is not None:
+                    page.begin(model, state)
+                    trace.clear()
+                trace.append((time.perf_counter(), state.time))
+                while trace[-1][0] - trace[0][0] > MEASURED:
+                    trace.popleft()
+            elif state is None or (settled and not page.changed):
+                continue
+            else:
+                settled = True  # nothing new has come: what is on show stays for a while
+            page.draw(state, _status(state, trace), exact=settled)
+    except (EOFError, OSError):
+        pass  # the session has ended
+    finally:
+        page.close()
+
+
+def _newest(pipe: Connection) -> tuple[SceneModel | None, SceneState]:
+    """What has come last, and the last model that came with it."""
+    model: SceneModel | None = None
+    while True:
+        new_model, state = pipe.recv()
+        model = model if new_model is None else new_model
+        if not pipe.poll():
+            return model, state
+
+
+def _status(state: SceneState, trace: deque[tuple[float, float]]) -> str:
+    from quasirigid.view.tracked import hand_rows
+
+    span = trace[-1][0] - trace[0][0]
+    pace = (trace[-1][1] - trace[0][1]) / span if span > 0.5 * MEASURED else 1.0
+    text = words.figures(state.phase, state.time, pace, 1.0, state.step_time, len(state.contacts), running=state.time > 0.0)
+    return text if state.tracked is None else text + words.table(hand_rows(state.tracked, state))
