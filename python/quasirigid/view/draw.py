@@ -28,8 +28,8 @@ SEEN = 4e-6
 """... more than this, m."""
 FLAT_NORMALS = 1e-3
 """A support whose normals differ by less is a plane."""
-GROUND = np.array([0.95, 0.96, 0.98], np.float32)
-"""Of plane supports, linear light."""
+GROUND, GROUND_LIT = np.array([0.895, 0.905, 0.915], np.float32), (0.99, 0.995, 1.0)
+"""Of plane supports: in linear light, and the colour that looks so in the light of the page."""
 OPAQUE = 0.999
 LIFT = 1.5e-4
 """How far the coloured points stand out of the surface, so that it does not hide half of each, m."""
@@ -52,7 +52,7 @@ class Layers:
     """What is shown."""
 
     object: bool = True
-    object_opacity: float = 0.25
+    object_opacity: float = 0.4
     hand: bool = True
     patches: bool = True
     patch_colours: str = "pressure"
@@ -69,6 +69,9 @@ class SceneDrawing:
     def __init__(self, server: viser.ViserServer, model: SceneModel, *, layers: Layers | None = None) -> None:
         self.server, self.model = server, model
         self.layers = layers or Layers()
+        self.hurried = False
+        """While all moves, work out at every second state only which point of a pad has which colour; set by who draws states that stay
+        with ``exact``."""
         self.scale = Scale()
         """Of the pressure colours."""
         self.meshes: list[viser.MeshHandle | None] = [None] * len(model.bodies)
@@ -200,8 +203,7 @@ class SceneDrawing:
                 self._shown = state
                 self._forces(state)
             if self._pads is not None and (other or moved[0] or self._faded):
-                # While all moves, which point has which colour is worked out at every second time; where they are, always.
-                self._faded = not (exact or self._faded)
+                self._faded = self.hurried and not (exact or self._faded)
                 if not self._faded:
                     self._pressure(state, self._pads, turns)
                 self._patches.move(self._pads.world[self._coloured] + self._lift)
@@ -241,7 +243,7 @@ class SceneDrawing:
         self._sent_shape[index] = points
         if faces is not None and index in self._planes:  # it yields: from now on a mesh as all others
             self._planes.pop(index).remove()
-            self.meshes[index] = self._mesh(self._paths[index], points, faces, self.model.bodies[index].colour, None)
+            self.meshes[index] = self._mesh(self._paths[index], points, faces, GROUND_LIT, None)
             return
         for mesh in (self.meshes[index], self._veils.get(index)):
             if mesh is not None:

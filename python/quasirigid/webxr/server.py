@@ -24,7 +24,7 @@ from quasirigid.errors import InvalidValueError, NetworkError, PacketError
 from quasirigid.view.scene import SceneModel, SceneState
 from quasirigid.webxr.joints import JOINTS, Side, hand_frame
 from quasirigid.webxr.messages import HANDS_SIZE, TEXT_LIMIT, read_hands, read_recentre
-from quasirigid.webxr.pages import HEADERS, LOCAL, named_locally, page_files, same_origin
+from quasirigid.webxr.pages import HEADERS, LOCAL, named_locally, own_address, page_files, same_origin
 from quasirigid.webxr.placement import Placement
 from quasirigid.webxr.wire import SceneWire
 
@@ -144,7 +144,7 @@ class XrServer:
     def url(self) -> str:
         """Address of the page."""
         host, port = self.address
-        shown = "localhost" if host in (*LOCAL, "0.0.0.0", "::") else host
+        shown = "localhost" if host in LOCAL else own_address() if host in ("0.0.0.0", "::") else host
         return f"{'http' if self._tls is None else 'https'}://{shown}:{port}"
 
     @property
