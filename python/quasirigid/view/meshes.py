@@ -13,7 +13,7 @@ from quasirigid.view.scene import FloatArray, IntArray
 
 SAGITTA = 5e-5
 """How far a thinned mesh may be from the surface, m."""
-BACK_SAGITTA = 1e-4
+BACK_SAGITTA = 2e-4
 """The same for the backs of pads, which are decoration, m."""
 PLANE = 0.02
 """A plane part of a surface has at least this share of its points."""
@@ -332,7 +332,7 @@ def mirrored(points: FloatArray, normals: FloatArray, faces: IntArray, axis: Flo
     rim = height.min()
     few = thinned(points, normals, BACK_SAGITTA)
     if few is not None:
-        at_rim = np.flatnonzero(height < rim + 1.5 * spacing_of(points))
+        at_rim = np.flatnonzero(height < rim + 0.8 * spacing_of(points))
         kept = np.union1d(few[0], at_rim)
         points, normals, height = points[kept], normals[kept], height[kept]
         star = _from_within(points, normals)
