@@ -145,8 +145,8 @@ def _outward(points: FloatArray, normals: FloatArray, faces: IntArray) -> IntArr
 
 
 def in_drawing_order(faces: IntArray, n: int) -> IntArray:
-    """The same triangles (m, 3) of ``n`` points, each near the last one, so that most of its vertices have just been computed: a page
-    without a graphics card draws a pad in three quarters of the time. The fans of Sander, Nehab and Barczak, *Fast triangle reordering
+    """The same triangles (m, 3) of ``n`` points, each near the last one, so that most of its vertices have just been computed by a page
+    without a graphics card. The fans of Sander, Nehab and Barczak, *Fast triangle reordering
     for vertex locality and reduced overdraw*, 2007, section 4.
     """
     if len(faces) == 0:
