@@ -18,6 +18,7 @@ import pytest
 import trimesh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from viser._messages import FileTransferPart, FileTransferStartUpload
 
 import quasirigid as qr
 from quasirigid.grasp_options import GraspOptions
@@ -30,10 +31,11 @@ from quasirigid.view.play import BASE_SPEED, Play
 from quasirigid.view.pressure import STICK, Scale, matrix_of, nice_above, patch_of, pressure_at
 from quasirigid.view.scene import Moved
 from quasirigid.view.session import Session
-from quasirigid.view.stage import free_port
+from quasirigid.view.stage import close_server, free_port, open_server
 from quasirigid.view.tactile import HEADING, SIDE, Tactile
 from quasirigid.view.things import LARGEST_UPLOAD, SHAPES, built_in, from_upload
 from quasirigid.view.unlit import unlit_glb
+from quasirigid.view.uploads import UploadGate
 
 OPTIONS = GraspOptions(points=4_000)
 
@@ -388,6 +390,20 @@ def test_a_refused_command_is_a_complaint_and_the_session_lives_on(session: Sess
     wait_for(lambda: session.newest()[1].state.step == 1, "a step after all")
 
 
+def test_a_recorder_that_fails_is_a_complaint_and_the_session_lives_on(session: Session) -> None:
+    calls = []
+
+    def full(_: Play) -> None:
+        calls.append(1)
+        raise qr.RecordingError("live.h5", "a file that can be written", "No space left on device", "free some space")
+
+    session.observe(full)
+    session.run(True)
+    assert "No space left" in session.complaints.get(timeout=10)
+    wait_for(lambda: session.newest()[1].state.step > 20, "steps after all")
+    assert len(calls) == 1
+
+
 @pytest.mark.parametrize("name", SHAPES)
 def test_built_in_shapes_can_be_held(name: str) -> None:
     play = Play(OPTIONS, lambda options, friction, _: built_in(name, options, friction))
@@ -410,6 +426,40 @@ def test_uploads_are_refused_for_what_is_wrong_with_them() -> None:
         from_upload("notes.docx", b"hello", OPTIONS, 0.7, 600.0)
     with pytest.raises(qr.QuasirigidError):
         from_upload("../../etc/egg.stl", b"solid nothing", OPTIONS, 0.7, 600.0)
+
+
+def test_uploads_that_are_too_large_are_refused_when_they_are_announced() -> None:
+    server = open_server("127.0.0.1", 8440, "test")
+    told: list[str] = []
+    try:
+        UploadGate(server, 1000, told.append)
+        button = server.gui.add_upload_button("Load")
+        link, waiting = server.gui._websock_interface, server.gui._current_file_upload_states
+
+        def send(message: Any) -> None:
+            for handler in link._incoming_handlers[type(message)]:
+                handler(0, message)
+
+        def announce(name: str, size: int, parts: int = 2) -> None:
+            send(FileTransferStartUpload(button._impl.uuid, name, f"{name}.stl", "", parts, size))
+
+        announce("large", 1001)
+        assert told.pop().startswith("large.stl: expected at most 0 MB")
+        send(FileTransferPart(button._impl.uuid, "large", 0, b"0" * 500))
+        assert waiting == {}, "its parts are dropped"
+        for name in ("a", "b", "c"):
+            announce(name, 1000)
+        announce("d", 1000)
+        assert "d.stl" in told.pop()
+        assert set(waiting) == {"a", "b", "c"}
+        send(FileTransferPart(button._impl.uuid, "a", 0, b"0" * 1001))
+        assert "a" not in waiting, "it was to be of 1000 bytes"
+        send(FileTransferPart(button._impl.uuid, "b", 0, b"0" * 600))
+        send(FileTransferPart(button._impl.uuid, "b", 1, b"1" * 400))
+        assert button.value.content == b"0" * 600 + b"1" * 400, "a file of the size that was said arrives"
+        assert told == []
+    finally:
+        close_server(server)
 
 
 def test_the_next_free_port_is_taken_and_a_strange_host_is_refused() -> None:

@@ -6,9 +6,11 @@ import ssl
 import subprocess
 import urllib.request
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from websockets.sync.client import connect
 
 from quasirigid.errors import InvalidValueError, PacketError
 from quasirigid.webxr import JOINTS, Placement, XrServer, hand_frame
@@ -127,6 +129,17 @@ def test_the_page_is_served_over_https_with_a_certificate(tmp_path: Path) -> Non
         with urllib.request.urlopen(f"https://127.0.0.1:{server.address[1]}/", context=trust, timeout=20) as answer:
             assert answer.status == 200
             assert b"<html" in answer.read()
+        at = f"127.0.0.1:{server.address[1]}"
+        with connect(f"wss://{at}/socket", ssl=trust, origin=f"https://{at}", proxy=None) as page:  # type: ignore[arg-type]
+            assert '"hello"' in page.recv(timeout=20)
+
+
+def test_opened_to_the_network_it_names_an_address_that_others_can_use() -> None:
+    with XrServer(0, host="0.0.0.0") as server:
+        host = urlsplit(server.url).hostname
+        assert host not in ("localhost", "0.0.0.0", None)
+    with XrServer(0) as server:
+        assert urlsplit(server.url).hostname == "localhost"
 
 
 def test_a_certificate_that_is_none_is_refused(tmp_path: Path) -> None:

@@ -32,6 +32,8 @@ GROUND, GROUND_LIT = np.array([0.895, 0.905, 0.915], np.float32), (0.99, 0.995, 
 """Of plane supports: in linear light, and the colour that looks so in the light of the page."""
 SEEN_STROKE = 0.03
 """Forces under this share of the largest would be strokes shorter than a pixel."""
+OLDEST = 2
+"""States after which colours that are put off are worked out again: 12 times a second."""
 OPAQUE = 0.999
 LIFT = 1.5e-4
 """How far the coloured points stand out of the surface, so that it does not hide half of each, m."""
@@ -72,8 +74,8 @@ class SceneDrawing:
         self.server, self.model = server, model
         self.layers = layers or Layers()
         self.hurried = False
-        """While all moves, work out at every second state only which point of a pad has which colour; set by who draws states that stay
-        with ``exact``."""
+        """While all moves, work out only now and then which point of a pad has which colour; set by who draws states that stay with
+        ``exact``."""
         self.scale = Scale()
         """Of the pressure colours."""
         self.meshes: list[viser.MeshHandle | None] = [None] * len(model.bodies)
@@ -100,8 +102,8 @@ class SceneDrawing:
         """Vertices of the pads that have the colour of their pressure."""
         self._lift = np.zeros((0, 3), np.float32)
         """How their colours stand out, world."""
-        self._faded = False
-        """Whether these are of the state before the one on show."""
+        self._faded = 0
+        """How many states these are behind the one on show."""
         self._shown: SceneState | None = None
         self._tips = model.fingertips()
         pads = [model.bodies[tip] for tip in self._tips]
@@ -203,9 +205,9 @@ class SceneDrawing:
             if other:
                 self._shown = state
                 self._forces(state)
-            if self._pads is not None and (other or moved[0] or self._faded):
-                self._faded = self.hurried and not (exact or self._faded)
-                if not self._faded:
+            if self._pads is not None and (other or moved[0] or self._faded > 0):
+                self._faded = self._faded + 1 if self.hurried and not exact and self._faded < OLDEST else 0
+                if self._faded == 0:
                     self._pressure(state, self._pads, turns)
                 self._patches.move(self._pads.world[self._coloured] + self._lift)
             if pull is None:

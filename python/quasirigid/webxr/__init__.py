@@ -5,6 +5,6 @@
 
 from quasirigid.webxr.joints import JOINTS, hand_frame
 from quasirigid.webxr.placement import Placement
-from quasirigid.webxr.server import PORT, XrServer
+from quasirigid.webxr.server import IDLE, PORT, XrServer
 
-__all__ = ["JOINTS", "PORT", "Placement", "XrServer", "hand_frame"]
+__all__ = ["IDLE", "JOINTS", "PORT", "Placement", "XrServer", "hand_frame"]

@@ -24,11 +24,13 @@ from quasirigid.errors import InvalidValueError, NetworkError, PacketError
 from quasirigid.view.scene import SceneModel, SceneState
 from quasirigid.webxr.joints import JOINTS, Side, hand_frame
 from quasirigid.webxr.messages import HANDS_SIZE, TEXT_LIMIT, read_hands, read_recentre
-from quasirigid.webxr.pages import HEADERS, LOCAL, named_locally, page_files, same_origin
+from quasirigid.webxr.pages import HEADERS, LOCAL, named_locally, own_address, page_files, same_origin
 from quasirigid.webxr.placement import Placement
 from quasirigid.webxr.wire import SceneWire
 
 PORT = 8082
+IDLE = 60.0
+"""For so long a session waits for hands that have gone: a headset is taken off, a page loaded again, s."""
 STATES = 40.0
 """States sent per second, at most."""
 CLIENTS = 8
@@ -142,7 +144,7 @@ class XrServer:
     def url(self) -> str:
         """Address of the page."""
         host, port = self.address
-        shown = "localhost" if host in (*LOCAL, "0.0.0.0", "::") else host
+        shown = "localhost" if host in LOCAL else own_address() if host in ("0.0.0.0", "::") else host
         return f"{'http' if self._tls is None else 'https'}://{shown}:{port}"
 
     @property
@@ -266,8 +268,8 @@ class XrServer:
             self._writer = None
             self._frame(LOST, self._last + 1e-3)
         if self._writer is None:
-            # The clock of another page began elsewhere; the tracker's must go on.
-            self._writer, self._shift = connection, now - moment
+            # The clock of another page began elsewhere; the tracker's must go on, and come after the frame without a hand.
+            self._writer, self._shift = connection, max(now, self._last + 2e-3) - moment
         self._stand(connection, yours=self._writer is connection)
         if self._writer is not connection:
             self._count("refused")

@@ -31,6 +31,7 @@ const status = {
   connected: false,
   states: 0,
   bytes: 0, // of the last state
+  time: 0, // simulated, s
   sent: 0,
   skipped: 0,
   recentred: 0,
@@ -43,7 +44,18 @@ const status = {
   frameTimes: new Float32Array(TIMED), // ms of script, the newest at `frames - 1` modulo TIMED
   updateTimes: new Float32Array(TIMED),
 };
-window.quasirigid = { drawing, board, floor, status, camera, scene, renderer };
+window.quasirigid = {
+  drawing,
+  board,
+  floor,
+  status,
+  camera,
+  scene,
+  renderer,
+  get socket() {
+    return socket;
+  },
+};
 
 function timed(times, count, began) {
   times[count % TIMED] = performance.now() - began;
@@ -102,6 +114,7 @@ function shown(message, bytes) {
   drawing.update(message);
   status.states += 1;
   status.bytes = bytes;
+  status.time = message.time;
   const said = readout(message, drawing.fingers);
   if (renderer.xr.isPresenting) board.show(said, colours, performance.now());
   else print(said);
