@@ -19,8 +19,6 @@ CATCH_UP = 0.2
 """Later than that the hand is shown faster, so that it does not stay behind: twice as fast when it is so much later, s."""
 SUSPENDED = 2.0
 """So far behind, the program was stopped: it goes on from now, s."""
-SPIN = 1.5e-4
-"""The last bit of a wait is spent awake, s: a sleep ends 0.05 to 0.1 ms late."""
 SWITCH = 1e-4
 """After so long (s) a thread that computes in Python gives way to the one that steps; Python's own figure is 5 ms, five steps."""
 
@@ -69,12 +67,7 @@ class Pace:
         self.rate = 1.0 + max(0.0, behind - SLACK) / CATCH_UP
         self.slipped += (self.rate - 1.0) * self._dt
         self._due += self.rate * self._dt
-        if self._source.paced:
-            self._source.wait_until(self._due - SPIN)
-            while self._source.now() < self._due:
-                pass
-        else:
-            self._source.wait_until(self._due)
+        self._source.wait_until(self._due)
         return self._due
 
     def begin(self, arrivals: Iterable[float]) -> None:
