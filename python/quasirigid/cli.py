@@ -25,7 +25,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 
 from quasirigid import cli_recordings, cli_view
-from quasirigid.errors import QuasirigidError
+from quasirigid.errors import InvalidValueError, QuasirigidError
 from quasirigid.mocap.commands import app as mocap_commands
 
 if TYPE_CHECKING:
@@ -91,6 +91,7 @@ OBJECT, PHYSICS, RUN, MOCAP = "Object", "Physics", "Run and output", "Motion cap
 
 @app.command(epilog=EXAMPLES)
 def grasp(
+    context: typer.Context,
     object_file: Annotated[
         Path | None,
         typer.Option(
@@ -256,7 +257,9 @@ def grasp(
         threads=threads,
         seed=seed,
     )
-    if mocap is not None:
+    if mocap is None:
+        _refuse_unheard(context)
+    else:
         from quasirigid.mocap.grasp_command import coupled, grasp_mocap
         from quasirigid.mocap.options import MocapOptions
 
@@ -300,6 +303,15 @@ def grasp(
         typer.echo(json.dumps(result.summary, indent=2, allow_nan=False))
     else:
         Console().print(_panel(result))
+
+
+def _refuse_unheard(context: typer.Context) -> None:
+    """Refuses options about a tracked hand where there is none: they would do nothing."""
+    for option in context.command.params:
+        given = getattr(context.get_parameter_source(option.name or ""), "name", "") == "COMMANDLINE"
+        if given and getattr(option, "rich_help_panel", None) == MOCAP:
+            name = option.opts[0]
+            raise InvalidValueError(name, "--mocap beside it", "none", "it is about a tracked hand: add --mocap, or leave it out")
 
 
 @app.command()
@@ -464,7 +476,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Usage errors of the command line parser; they know their own exit code (2).
         if hasattr(error, "format_message"):
             if error.format_message():  # empty when the help was shown for want of arguments
-                _say(f"{error.format_message()}; see `quasirigid --help`")
+                _say(f"{error.format_message().rstrip('.')}; see `quasirigid --help`")
             return int(getattr(error, "exit_code", 2))
         if type(error).__name__ == "Abort":
             return 130

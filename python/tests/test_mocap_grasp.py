@@ -176,6 +176,8 @@ def test_command_line_says_what_it_does_not_understand(capsys: pytest.CaptureFix
         (["--mocap", "take", "--coupling", "glue"], "tips or hand"),
         (["--mocap", "take", "--hand", "third"], "left or right"),
         (["--mocap", "take", "--idle", "-1"], "idle"),
+        (["--hand", "left"], "add --mocap"),
+        (["--place", "0,0.7,-0.4"], "add --mocap"),
     ):
         assert main(["grasp", *arguments, "--out", str(tmp_path)]) == 2
         said = capsys.readouterr().err
