@@ -556,7 +556,10 @@ class StepReport:
         """Contacts in the problem, open ones included."""
     @property
     def sweeps(self) -> int:
-        """Gauss-Seidel sweeps."""
+        """Gauss-Seidel sweeps, Newton steps counted as one each."""
+    @property
+    def newton_steps(self) -> int:
+        """How many of the sweeps were Newton steps, each of which takes the time of 10 to 20; 0 for soft grasps."""
     @property
     def residual(self) -> float:
         """Natural-map residual of the reactions, without unit."""
@@ -654,6 +657,7 @@ class World:
         collision_every: int = 1,
         push_out_speed: float | None = None,
         friction_rule: FrictionRule = "geometric-mean",
+        step_budget: float | None = None,
     ) -> None:
         """An empty world.
 
@@ -666,7 +670,17 @@ class World:
         ``push_out_speed`` m/s: how fast bodies that were put into each other come apart
         (``None``: 0.02; ``inf``: within a step, with the velocity that this takes). ``friction_rule`` makes the friction of a
         pair from that of its two materials; ``set_friction`` goes before it.
+        ``step_budget`` s: see the property of that name.
         """
+    @property
+    def step_budget(self) -> float | None:
+        """Time that a step may take, s; settable. ``None``: none. For loops that must keep up with the clock: ``0.8 * dt``.
+
+        The solver gets what the other stages leave of it, a quarter at least. Where that is not enough it stops at the best that it has, the step's report
+        says ``time-budget``, and the next step goes on from there. Results then depend on the machine; ``max_sweeps`` is a limit that is the same everywhere.
+        """
+    @step_budget.setter
+    def step_budget(self, value: float | None) -> None: ...
     @property
     def dt(self) -> float:
         """s."""

@@ -25,7 +25,7 @@ import numpy.typing as npt
 from quasirigid.errors import RecordingError
 
 WAITING = 16
-"""Blocks that may wait for the disk, at most: some seconds of a grasp in real time, 2 MB each."""
+"""Blocks that may wait for the disk, at most: 1.6 s of steps of a millisecond, about 2 MB each in a grasp."""
 LEVEL = 1
 """Of the compression. 4 saves 3 % of the space and takes a fifth more time."""
 YIELD = 5e-5
@@ -61,6 +61,7 @@ class PackedColumn:
         """Add ``rows`` and put them on disk. The last chunk, if it is not full, is written anew the next time."""
         if self._resolution:
             rows = np.rint(rows * rows.dtype.type(1.0 / self._resolution)) * rows.dtype.type(self._resolution)
+            rows += 0.0  # no -0
         deep = self._chunk[0]
         first = self._length - len(self._tail)
         self._length += len(rows)

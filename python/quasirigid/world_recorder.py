@@ -48,12 +48,17 @@ class WorldRecorder:
         state = self._scene.state(report, phase, moved=self._recorder.wants_deformation)
         self._recorder.append(state, None, report)
 
+    @property
+    def waited(self) -> float:
+        """How long ``append`` had to wait because the disk could not follow, s."""
+        return self._recorder.waited
+
     def flush(self) -> None:
-        """Put everything appended so far on disk."""
+        """Put everything appended so far on disk, and wait for it. Raises ``RecordingError`` if it cannot be written."""
         self._recorder.flush()
 
     def close(self) -> None:
-        """Write what is buffered and mark the recording as complete."""
+        """Write what is buffered and mark the recording as complete. Raises ``RecordingError`` if it cannot be written."""
         self._recorder.close()
 
     def __enter__(self) -> WorldRecorder:
@@ -74,7 +79,8 @@ def record(
 
     Call it when all bodies are in the world. Poses, contacts and forces are written at every ``append``, the deformation of the surfaces
     ``deformation_rate`` times per second of simulated time (infinity: at every ``append``). ``attributes`` are kept with the file.
-    A process that is killed leaves a file that can be read up to the last block of 100 steps.
+    A thread writes blocks of 100 steps while you go on. A process that is killed leaves a file that can be read up to the last block on disk.
+    Raises ``RecordingError`` where no file can be written; a disk that fills up later is told at the next ``append``, or by ``close``.
     """
     return WorldRecorder(world, path, deformation_rate=deformation_rate, attributes=attributes)
 
@@ -88,6 +94,12 @@ class LiveRecorder:
         self._recorder: SceneRecorder | None = None
         self.paths: list[Path] = []
         """The files written so far."""
+        self._waited = 0.0
+
+    @property
+    def waited(self) -> float:
+        """How long the simulation had to wait because the disk could not follow, s."""
+        return self._waited + (0.0 if self._recorder is None else self._recorder.waited)
 
     def __call__(self, play: Play) -> None:
         """Record the grasp as it is now."""
@@ -107,8 +119,9 @@ class LiveRecorder:
     def close(self) -> None:
         """Finish the file that is being written."""
         if self._recorder is not None:
-            self._recorder.close()
-            self._recorder = None
+            recorder, self._recorder = self._recorder, None
+            recorder.close()
+            self._waited += recorder.waited
 
 
 __all__ = ["LiveRecorder", "WorldRecorder", "record"]

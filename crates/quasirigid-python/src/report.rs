@@ -31,6 +31,11 @@ impl StepReport {
     }
 
     #[getter]
+    fn newton_steps(&self) -> u32 {
+        self.engine.newton_steps
+    }
+
+    #[getter]
     fn residual(&self) -> Real {
         self.engine.residual
     }

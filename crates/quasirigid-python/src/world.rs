@@ -45,6 +45,14 @@ fn motion(py: Python<'_>, name: &str, known: &str) -> PyResult<Option<Motion>> {
     }
 }
 
+/// A time that steps may take, s. A time too long for the clock is no limit.
+fn step_budget(py: Python<'_>, seconds: Option<Real>) -> PyResult<Option<Duration>> {
+    let Some(seconds) = seconds else { return Ok(None) };
+    quasirigid::error::check_positive("step_budget", seconds, "s").or_raise(py)?;
+    // What is less than the clock can tell is still a limit.
+    Ok(Duration::try_from_secs_f64(seconds).ok().map(|budget| budget.max(Duration::from_nanos(1))))
+}
+
 fn optional_pose(position: Option<&Bound<'_, PyAny>>, quaternion: Option<&Bound<'_, PyAny>>) -> PyResult<Pose> {
     let position = position.map_or(Ok(Vec3::zeros()), |p| conv::vec3(p, "position"))?;
     let rotation = quaternion.map_or(Ok(Rot::identity()), |q| conv::quaternion(q, "quaternion"))?;
@@ -79,7 +87,7 @@ impl World {
     #[allow(clippy::too_many_arguments)] // keyword arguments
     #[pyo3(signature = (dt = 1e-3, gravity = None, *, threads = 1, tolerance = 1e-8, max_sweeps = 1000, time_budget = None,
                         traversal_budget = None, contact_margin = None, collision_every = 1, push_out_speed = None,
-                        friction_rule = "geometric-mean"))]
+                        friction_rule = "geometric-mean", step_budget = None))]
     fn new(
         py: Python<'_>,
         dt: Real,
@@ -93,6 +101,7 @@ impl World {
         collision_every: i64,
         push_out_speed: Option<Real>,
         friction_rule: &str,
+        step_budget: Option<Real>,
     ) -> PyResult<Self> {
         let mut params = Parameters { dt, friction_rule: crate::friction::rule(py, friction_rule)?, ..Parameters::default() };
         if let Some(gravity) = gravity {
@@ -105,6 +114,7 @@ impl World {
             quasirigid::error::check_positive("time_budget", budget, "s").or_raise(py)?;
             params.solver.time_budget = Duration::try_from_secs_f64(budget).ok();
         }
+        params.step_budget = self::step_budget(py, step_budget)?;
         if let Some(budget) = traversal_budget {
             params.traversal_budget = conv::count(py, "traversal_budget", budget)?;
         }
@@ -133,6 +143,19 @@ impl World {
     fn set_gravity(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
         let gravity = conv::vec3(value, "gravity")?;
         self.lock(value.py()).set_gravity(gravity).or_raise(value.py())
+    }
+
+    #[getter]
+    fn step_budget(&self, py: Python<'_>) -> Option<Real> {
+        self.lock(py).parameters().step_budget.map(|budget| budget.as_secs_f64())
+    }
+
+    #[setter]
+    fn set_step_budget(&self, py: Python<'_>, value: Option<Real>) -> PyResult<()> {
+        let step_budget = self::step_budget(py, value)?;
+        let mut engine = self.lock(py);
+        let params = Parameters { step_budget, ..engine.parameters().clone() };
+        engine.set_parameters(params).or_raise(py)
     }
 
     #[getter]

@@ -4,6 +4,7 @@ use crate::body::FrictionRule;
 use crate::error::{Error, Result, check_finite, check_non_negative, check_positive};
 use crate::gauss_seidel::SolverParameters;
 use crate::math::{Real, Vec3};
+use std::time::Duration;
 
 /// A body that would move, or turn, by more than this in one step before contact forces has gone bad: it is set aside before others can feel it, m or rad.
 /// Far above anything in a grasp, so that nobody meets it by chance; far below where squares of numbers overflow.
@@ -57,6 +58,11 @@ pub struct Parameters {
     pub threads: usize,
     /// When the solver stops.
     pub solver: SolverParameters,
+    /// Time that a step may take, for a loop that must keep up with the clock: some 0.8 `dt`. Default: none. The solver gets what the stages before it have left, less what the
+    /// stage after it took in the last step, but never less than a quarter; when that is used up it stops at the best that it has, which obeys Coulomb's law and does not pull,
+    /// and the report says [`crate::gauss_seidel::Stop::TimeBudget`]. The next step goes on from there. The result then depends on the machine: two runs are no longer
+    /// the same bit by bit. `solver.max_sweeps` of 20 to 40 is a limit of the same kind that is the same everywhere.
+    pub step_budget: Option<Duration>,
 }
 
 impl Default for Parameters {
@@ -77,11 +83,18 @@ impl Default for Parameters {
             friction_rule: FrictionRule::default(),
             threads: 1,
             solver: SolverParameters::default(),
+            step_budget: None,
         }
     }
 }
 
 impl Parameters {
+    /// Time that the solver may take in a step that began `elapsed` ago, if what comes after it takes `rest`: [`Parameters::step_budget`] and the solver's own.
+    pub(crate) fn solver_budget(&self, elapsed: Duration, rest: Duration) -> Option<Duration> {
+        let left = self.step_budget.map(|budget| budget.saturating_sub(elapsed + rest).max(budget / 4));
+        left.into_iter().chain(self.solver.time_budget).min()
+    }
+
     /// # Errors
     /// [`Error::InvalidValue`] for the first parameter that is out of range.
     pub fn check(&self) -> Result<()> {
@@ -105,9 +118,32 @@ impl Parameters {
         if self.threads == 0 || self.threads > 1024 {
             return Err(Error::value("threads", "between 1 and 1024", self.threads, "give the number of cores to use"));
         }
+        if self.step_budget == Some(Duration::ZERO) {
+            return Err(Error::value("step_budget", "a time > 0 s", 0, "0.8 dt keeps up with the clock; leave it out for no limit"));
+        }
         if self.solver.max_sweeps == 0 {
             return Err(Error::value("max_sweeps", "at least 1", 0, "the solver needs one sweep to find any reaction"));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_solver_gets_what_the_other_stages_leave_and_a_quarter_at_least() {
+        let us = Duration::from_micros;
+        let mut params = Parameters::default();
+        assert_eq!(params.solver_budget(us(500), us(100)), None);
+        params.step_budget = Some(us(800));
+        assert_eq!(params.solver_budget(us(300), us(100)), Some(us(400)));
+        assert_eq!(params.solver_budget(us(900), us(100)), Some(us(200)));
+        params.solver.time_budget = Some(us(150));
+        assert_eq!(params.solver_budget(us(300), us(100)), Some(us(150)));
+        assert!(params.check().is_ok());
+        params.step_budget = Some(Duration::ZERO);
+        assert!(params.check().unwrap_err().to_string().contains("step_budget"));
     }
 }

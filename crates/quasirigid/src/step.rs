@@ -28,7 +28,8 @@ impl World {
         let Self { params, bodies, pairs, friction, workspace: ws, .. } = self;
         let context = StepContext { dt: params.dt, gravity: params.gravity };
         let mut times = StageTimes::default();
-        let mut clock = Instant::now();
+        let start = Instant::now();
+        let mut clock = start;
 
         free_motions(bodies, &context, &mut ws.free);
         times.free_motion = lap(&mut clock);
@@ -40,19 +41,22 @@ impl World {
         times.contact_problem = lap(&mut clock);
 
         let problem = &mut ws.problem;
+        let time_budget = params.solver_budget(clock - start, ws.motion_time);
         let solved = gauss_seidel::solve(
             &mut problem.w,
             &problem.delta_free,
             &problem.mu,
             &mut problem.reactions,
             &mut problem.status,
-            &SolverParameters { foretold: problem.foretold, ..params.solver.clone() },
+            &SolverParameters { foretold: problem.foretold, time_budget, ..params.solver.clone() },
             &mut ws.solver,
         );
+        problem.unfinished = if solved.stop.converged() { 0.0 } else { solved.residual };
         times.gauss_seidel = lap(&mut clock);
 
         constrained_motion(&mut ws.motion, bodies, pairs, &ws.collision.contacts, &ws.problem, &ws.free, &context, params);
         times.constrained_motion = lap(&mut clock);
+        ws.motion_time = times.constrained_motion;
 
         times.traverse = ws.collision.traverse_time;
         times.interpenetration = ws.collision.projection_time;
@@ -66,6 +70,7 @@ impl World {
             time: self.time(),
             contacts: self.workspace.problem.len(),
             sweeps: solved.sweeps,
+            newton_steps: solved.newton_steps,
             residual: solved.residual,
             stop: solved.stop,
             coarse: self.workspace.collision.coarse,

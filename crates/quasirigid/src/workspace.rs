@@ -6,6 +6,7 @@ use crate::constrained_motion::Scratch as MotionScratch;
 use crate::contact_problem::ContactProblem;
 use crate::free_motion::FreeMotion;
 use crate::gauss_seidel::Scratch as SolverScratch;
+use std::time::Duration;
 
 /// Output and scratch of every stage.
 #[derive(Debug, Default)]
@@ -20,4 +21,6 @@ pub struct Workspace {
     pub solver: SolverScratch,
     /// Stage 5.
     pub motion: MotionScratch,
+    /// Time that stage 5 took in the last step.
+    pub motion_time: Duration,
 }

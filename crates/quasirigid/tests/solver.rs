@@ -215,7 +215,8 @@ fn sweep_cap_and_time_budget_are_reported_as_such() {
     let honest = independent_residual(&problem, &capped.f);
     assert!((honest / capped.report.residual - 1.0).abs() < 1e-6, "{honest:e} against {:e}", capped.report.residual);
     let late = problem.solve(&SolverParameters { time_budget: Some(Duration::ZERO), ..Default::default() });
-    assert_eq!((late.report.sweeps, late.report.stop), (1, Stop::TimeBudget));
+    // Four sweeps are done whatever the time: with fewer a held object creeps.
+    assert_eq!((late.report.sweeps, late.report.stop), (4, Stop::TimeBudget));
     let enough = problem.solve(&SolverParameters { time_budget: Some(Duration::from_secs(60)), min_sweeps: 40, ..Default::default() });
     assert!(enough.report.sweeps >= 40 && enough.report.stop.converged());
 }

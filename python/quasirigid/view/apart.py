@@ -125,9 +125,11 @@ def _serve(pipe: Connection, host: str, port: int) -> None:
     pipe.send(page.server.get_port())
     trace: deque[tuple[float, float]] = deque()
     state: SceneState | None = None
+    settled = False
     try:
         while True:
-            if pipe.poll(0.05):
+            if pipe.poll(0.1):
+                settled = False
                 model, state = _newest(pipe)
                 if model is not None:
                     page.begin(model, state)
@@ -135,9 +137,11 @@ def _serve(pipe: Connection, host: str, port: int) -> None:
                 trace.append((time.perf_counter(), state.time))
                 while trace[-1][0] - trace[0][0] > MEASURED:
                     trace.popleft()
-            elif state is None or not page.changed:
+            elif state is None or (settled and not page.changed):
                 continue
-            page.draw(state, _status(state, trace))
+            else:
+                settled = True  # nothing new has come: what is on show stays for a while
+            page.draw(state, _status(state, trace), exact=settled)
     except (EOFError, OSError):
         pass  # the session has ended
     finally:

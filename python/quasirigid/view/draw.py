@@ -15,7 +15,7 @@ import viser
 from quasirigid.palette import FINGER_COLOURS
 from quasirigid.view.meshes import is_convex, spacing_of, thinned
 from quasirigid.view.parts import POSE_TOLERANCE, SHAPE_TOLERANCE, Joined, LinePool, PatchPool
-from quasirigid.view.pressure import SLIP, SLIP_COLOUR, STICK_COLOUR, Scale, alike, colour_map, matrix_of, patch_of, pressure_at, rgb
+from quasirigid.view.pressure import SLIP, SLIP_COLOUR, STICK_COLOUR, Scale, alike, colour_map, matrix_of, pressure_at, rgb, world_patch
 from quasirigid.view.scene import BodyView, Colour, FloatArray, IntArray, SceneModel, SceneState
 from quasirigid.view.unlit import unlit_glb
 
@@ -28,8 +28,8 @@ SEEN = 4e-6
 """... more than this, m."""
 FLAT_NORMALS = 1e-3
 """A support whose normals differ by less is a plane."""
-GROUND = np.array([0.95, 0.96, 0.98], np.float32)
-"""Of plane supports, linear light."""
+GROUND, GROUND_LIT = np.array([0.895, 0.905, 0.915], np.float32), (0.99, 0.995, 1.0)
+"""Of plane supports: in linear light, and the colour that looks so in the light of the page."""
 OPAQUE = 0.999
 LIFT = 1.5e-4
 """How far the coloured points stand out of the surface, so that it does not hide half of each, m."""
@@ -38,11 +38,13 @@ LOADED = 0.01
 HEAD = 0.3
 """Length of an arrow's head as a share of the arrow."""
 PULL = rgb("#A8478A")
-LEVELS = 64
+LEVELS = 40
 """Colours that are told apart on a pad: steps of the pressure scale."""
 PRESSURES = colour_map((np.arange(LEVELS) + 0.5) / LEVELS)
 """(levels, 3)."""
 FRICTIONS = np.array([rgb(STICK_COLOUR), rgb(SLIP_COLOUR)])
+FINGERS = np.array([rgb(colour) for colour in FINGER_COLOURS])
+NOTHING = np.zeros((0, 2, 3)), np.zeros((0, 3), np.uint8)
 
 
 @dataclass
@@ -50,7 +52,7 @@ class Layers:
     """What is shown."""
 
     object: bool = True
-    object_opacity: float = 0.25
+    object_opacity: float = 0.4
     hand: bool = True
     patches: bool = True
     patch_colours: str = "pressure"
@@ -67,6 +69,9 @@ class SceneDrawing:
     def __init__(self, server: viser.ViserServer, model: SceneModel, *, layers: Layers | None = None) -> None:
         self.server, self.model = server, model
         self.layers = layers or Layers()
+        self.hurried = False
+        """While all moves, work out at every second state only which point of a pad has which colour; set by who draws states that stay
+        with ``exact``."""
         self.scale = Scale()
         """Of the pressure colours."""
         self.meshes: list[viser.MeshHandle | None] = [None] * len(model.bodies)
@@ -87,6 +92,14 @@ class SceneDrawing:
         self._sent_at: dict[int, float] = {}
         self._frames: dict[str, tuple[int, viser.FrameHandle]] = {}
         """By name: a body that has the pose, and the node that carries all bodies of the frame."""
+        self._poses = np.full((len(model.bodies), 7), np.nan)
+        """Of all bodies, as sent last."""
+        self._coloured = np.zeros(0, np.int64)
+        """Vertices of the pads that have the colour of their pressure."""
+        self._lift = np.zeros((0, 3), np.float32)
+        """How their colours stand out, world."""
+        self._faded = False
+        """Whether these are of the state before the one on show."""
         self._shown: SceneState | None = None
         self._tips = model.fingertips()
         pads = [model.bodies[tip] for tip in self._tips]
@@ -172,32 +185,33 @@ class SceneDrawing:
 
         Large surfaces follow every ``LARGE_EVERY`` seconds, or at once if ``exact``: for a state that stays.
         """
+        poses = np.concatenate([state.positions, state.quaternions], axis=1)
+        changed = ~(np.abs(poses - self._poses) <= POSE_TOLERANCE).all(axis=1)  # true for NaN: not sent yet
+        self._poses[changed] = poses[changed]
+        turns = matrix_of(state.quaternions)
         with self.server.atomic():
-            self._poses(state)
+            for index, frame in self._frames.values():
+                if changed[index]:
+                    frame.position, frame.wxyz = state.positions[index], state.quaternions[index]
             self._shapes(state, exact=exact)
             for part, tip in enumerate(self._tips):
                 if self._pads is not None:
                     self._pads.deform(part, state.moved.get(tip))
-            for group in self._hand:
-                group.place(state)
-            changed = self._shown is None or not alike(self._shown, state)
-            self._pressure(state, changed=changed)
-            if changed:
+            moved = [group.place(state.positions, turns, changed) for group in self._hand]
+            other = self._shown is None or not alike(self._shown, state)
+            if other:
                 self._shown = state
                 self._forces(state)
+            if self._pads is not None and (other or moved[0] or self._faded):
+                self._faded = self.hurried and not (exact or self._faded)
+                if not self._faded:
+                    self._pressure(state, self._pads, turns)
+                self._patches.move(self._pads.world[self._coloured] + self._lift)
             if pull is None:
-                self._pull_lines.show(np.zeros((0, 2, 3)), np.zeros((0, 3), np.uint8))
+                self._pull_lines.show(*NOTHING)
             else:
                 self._pull_lines.show(*arrows(pull[0][None], (pull[1] - pull[0])[None], PULL[None], wings=2))
         self.server.flush()
-
-    def _poses(self, state: SceneState) -> None:
-        for index, frame in self._frames.values():
-            position, quaternion = state.positions[index], state.quaternions[index]
-            if np.abs(frame.position - position).max() > POSE_TOLERANCE:
-                frame.position = position
-            if np.abs(frame.wxyz - quaternion).max() > POSE_TOLERANCE:
-                frame.wxyz = quaternion
 
     def _shapes(self, state: SceneState, *, exact: bool) -> None:
         for i, mesh in enumerate(self.meshes):
@@ -229,7 +243,7 @@ class SceneDrawing:
         self._sent_shape[index] = points
         if faces is not None and index in self._planes:  # it yields: from now on a mesh as all others
             self._planes.pop(index).remove()
-            self.meshes[index] = self._mesh(self._paths[index], points, faces, self.model.bodies[index].colour, None)
+            self.meshes[index] = self._mesh(self._paths[index], points, faces, GROUND_LIT, None)
             return
         for mesh in (self.meshes[index], self._veils.get(index)):
             if mesh is not None:
@@ -237,59 +251,60 @@ class SceneDrawing:
                 if faces is not None:
                     mesh.faces = faces.astype(np.uint32)
 
-    def _pressure(self, state: SceneState, *, changed: bool) -> None:
-        contacts = state.contacts
-        if changed:
-            on_pads = np.isin(contacts.body_a, self._tips) | np.isin(contacts.body_b, self._tips)
-            self.scale.follow(float(contacts.pressures[on_pads].max(initial=0.0)))
-        points, levels = [np.zeros((0, 3), np.float32)], [np.zeros(0, np.int64)]
+    def _pressure(self, state: SceneState, pads: Joined, turns: FloatArray) -> None:
+        """Which points of the pads have which colour."""
+        rows, levels, lifts = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros((0, 3))]
         by_pressure = self.layers.patch_colours == "pressure"
-        for tip in self._tips if self.layers.patches else []:
-            patch, moved = patch_of(state, tip), state.moved.get(tip)
-            if moved is None or len(patch.points) == 0:
+        for tip, vertices in zip(pads.bodies, pads.rows, strict=True):
+            patch, moved = world_patch(state.contacts, tip), state.moved.get(tip)
+            if moved is None or len(patch.points) == 0 or not (self.layers.patches and self.layers.hand):
                 continue
-            near = patch.near(moved.points)
-            share = pressure_at(moved.points[near], patch) / self.scale.top
-            loaded = near[share > LOADED]
-            share = share[share > LOADED]
-            places = moved.points[loaded] + LIFT * self.model.bodies[tip].normals[moved.indices[loaded]]
-            points.append((places @ matrix_of(state.quaternions[tip]).T + state.positions[tip]).astype(np.float32))
+            points = pads.world[vertices[moved.indices]]
+            near = patch.near(points)
+            share = pressure_at(points[near], patch) / self.scale.top
+            loaded = share > LOADED
+            near, share = near[loaded], share[loaded]
+            rows.append(vertices[moved.indices[near]])
+            lifts.append(self.model.bodies[tip].normals[moved.indices[near]] @ (LIFT * turns[tip].T))
             if by_pressure:
                 levels.append(np.minimum(share * LEVELS, LEVELS - 1).astype(np.int64))
             else:
-                nearest = ((places[:, None] - patch.points[None]) ** 2).sum(axis=2).argmin(axis=1)
+                nearest = ((points[near, None] - patch.points[None]) ** 2).sum(axis=2).argmin(axis=1)
                 levels.append((patch.status[nearest] == SLIP).astype(np.int64))
-        self._patches.show(np.concatenate(points), np.concatenate(levels), PRESSURES if by_pressure else FRICTIONS)
+        self._coloured, self._lift = np.concatenate(rows), np.concatenate(lifts).astype(np.float32)
+        self._patches.arrange(np.concatenate(levels), PRESSURES if by_pressure else FRICTIONS)
 
     def _forces(self, state: SceneState) -> None:
-        contacts, none = state.contacts, (np.zeros((0, 2, 3)), np.zeros((0, 3), np.uint8))
-        if self.layers.contact_forces and len(contacts):
-            size = np.linalg.norm(contacts.forces, axis=1)
-            loaded = size > 1e-3 * size.max(initial=0.0)
-            # On side b, into which fingertips press: the arrows point from the pad into the object.
-            vectors = -contacts.forces[loaded] * (0.005 / max(float(size.max(initial=0.0)), 1e-9))
-            slipping = contacts.status[loaded] == SLIP
-            colours = np.where(slipping[:, None], rgb(SLIP_COLOUR), rgb(STICK_COLOUR)).astype(np.uint8)
+        contacts = state.contacts
+        on_tips = [(contacts.body_a == tip) | (contacts.body_b == tip) for tip in self._tips]
+        if on_tips:
+            self.scale.follow(float((contacts.pressures * np.logical_or.reduce(on_tips)).max(initial=0.0)))
+        size = np.sqrt((contacts.forces**2).sum(axis=1))
+        largest = float(size.max(initial=0.0))
+        if self.layers.contact_forces and largest > 0.0:
+            loaded = np.flatnonzero(size > 1e-3 * largest)
             starts = contacts.points[loaded]
-            lines = np.stack([starts, starts + vectors], axis=1)
-            crosses = cross_marks(contacts.points[loaded][slipping], contacts.normals[loaded][slipping], 6e-4)
-            self._contact_lines.show(
-                np.concatenate([lines, crosses]), np.concatenate([colours, np.tile(rgb(SLIP_COLOUR), (len(crosses), 1))])
+            # On side b, into which fingertips press: the strokes point from the pad into the object.
+            ends = starts - contacts.forces[loaded] * (0.005 / max(largest, 1e-9))
+            slipping = contacts.status[loaded] == SLIP
+            crosses = cross_marks(starts[slipping], contacts.normals[loaded][slipping], 6e-4)
+            which = np.concatenate([slipping.astype(np.int64), np.ones(len(crosses), np.int64)])
+            self._contact_lines.show(np.concatenate([np.stack([starts, ends], axis=1), crosses]), FRICTIONS[which])
+        else:
+            self._contact_lines.show(*NOTHING)
+        forces = [contacts.reactions[:, 0] * mine for mine in on_tips] if self.layers.finger_forces else []
+        pressed = [(finger, force) for finger, force in enumerate(forces) if force.sum() > 0.0]
+        if pressed:
+            self._sum_lines.show(
+                *arrows(
+                    np.array([force @ contacts.points / force.sum() for _, force in pressed]),
+                    self.layers.force_scale * state.finger_forces[[finger for finger, _ in pressed]],
+                    FINGERS[[finger % 6 for finger, _ in pressed]],
+                    wings=2,
+                )
             )
         else:
-            self._contact_lines.show(*none)
-        if self.layers.finger_forces and self._tips:
-            starts, vectors, shades_of = [], [], []
-            for finger, tip in enumerate(self._tips):
-                patch = contacts.reactions[:, 0] * ((contacts.body_a == tip) | (contacts.body_b == tip))
-                if patch.sum() > 0.0:
-                    starts.append(patch @ contacts.points / patch.sum())
-                    vectors.append(self.layers.force_scale * state.finger_forces[finger])
-                    shades_of.append(rgb(FINGER_COLOURS[finger % 6]))
-            if starts:
-                self._sum_lines.show(*arrows(np.array(starts), np.array(vectors), np.array(shades_of), wings=2))
-                return
-        self._sum_lines.show(*none)
+            self._sum_lines.show(*NOTHING)
 
 
 def arrows(
@@ -297,23 +312,32 @@ def arrows(
 ) -> tuple[FloatArray, npt.NDArray[np.uint8]]:
     """Arrows as line segments: a shaft and ``wings`` pairs of strokes as head. ``starts`` and ``vectors`` (n, 3) m."""
     ends = starts + vectors
-    across = np.cross(vectors, [0.0, 0.0, 1.0])
-    flat = np.linalg.norm(across, axis=1) < 1e-3 * np.linalg.norm(vectors, axis=1)
-    across[flat] = np.cross(vectors[flat], [1.0, 0.0, 0.0])
+    lengths = np.sqrt((vectors**2).sum(axis=1))[:, None]
+    # Square to the arrow, and level unless it stands upright.
+    across = np.stack([vectors[:, 1], -vectors[:, 0], np.zeros(len(vectors))], axis=1)
+    flat = np.abs(across).max(axis=1) < 1e-3 * lengths[:, 0]
+    across[flat] = np.stack([np.zeros(len(vectors)), vectors[:, 2], -vectors[:, 1]], axis=1)[flat]
     pieces = [np.stack([starts, ends], axis=1)]
     for _ in range(wings):
-        across *= (0.45 * HEAD * np.linalg.norm(vectors, axis=1) / np.maximum(np.linalg.norm(across, axis=1), 1e-300))[:, None]
+        across = across * (0.45 * HEAD * lengths / np.maximum(np.sqrt((across**2).sum(axis=1))[:, None], 1e-300))
         pieces += [np.stack([ends - HEAD * vectors + sign * across, ends], axis=1) for sign in (-1.0, 1.0)]
-        across = np.cross(vectors, across)
+        across = cross(vectors, across)
     return np.concatenate(pieces), np.tile(colours, (len(pieces), 1))
 
 
 def cross_marks(points: FloatArray, normals: FloatArray, size: float) -> FloatArray:
     """Two strokes (2n, 2, 3) across each of ``points`` (n, 3), in the plane of its normal: the mark of a contact that slips."""
-    one = np.cross(normals, [0.31, 0.52, 0.79])
-    one *= size / np.maximum(np.linalg.norm(one, axis=1), 1e-300)[:, None]
-    two = np.cross(normals, one)
+    one = cross(normals, np.array([[0.31, 0.52, 0.79]]))
+    one *= size / np.maximum(np.sqrt((one**2).sum(axis=1)), 1e-300)[:, None]
+    two = cross(normals, one)
     return np.concatenate([np.stack([points - side, points + side], axis=1) for side in (one, two)])
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Cross products of (n, 3): what ``numpy.cross`` gives for the few vectors of a frame, in a fifth of its time."""
+    result = a[:, [1, 2, 0]] * b[:, [2, 0, 1]]
+    result -= a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
+    return result
 
 
 def _path(name: str) -> str:

@@ -82,21 +82,25 @@ class OnlookPage:
         self._slow_at = 0.0
         self.drawing.draw(state)
 
-    def draw(self, state: SceneState, status: str) -> None:
-        """Show this state; ``status`` is HTML for the panel, which follows ``SLOW_RATE`` times a second like all figures."""
+    def draw(self, state: SceneState, status: str, *, exact: bool = False) -> None:
+        """Show this state; ``status`` is HTML for the panel, which follows ``SLOW_RATE`` times a second like all figures.
+
+        ``exact``: the state stays, so all of it is shown, as of ``SceneDrawing.draw``.
+        """
         assert self.drawing is not None
         if self.changed:
             self.changed = False
             self.drawing.apply_layers()
-        self.drawing.draw(state)
         if state.tracked is not None:
             self._tracked = self._tracked or TrackedDrawing(self.server)
-            self._tracked.draw(state.tracked)
-        if time.perf_counter() - self._slow_at > 1.0 / SLOW_RATE:
+            with self.server.atomic():
+                self._tracked.draw(state.tracked)
+        self.drawing.draw(state, exact=exact)
+        if exact or time.perf_counter() - self._slow_at > 1.0 / SLOW_RATE:
             self._slow_at = time.perf_counter()
-            self._figures(state, status)
+            self._figures(state, status, together=exact)
 
-    def _figures(self, state: SceneState, status: str) -> None:
+    def _figures(self, state: SceneState, status: str, *, together: bool) -> None:
         assert self.drawing is not None
         assert self._curves is not None
         self._history.append((state.time, state.normal_forces.tolist(), state.step_time, len(state.contacts)))
@@ -105,4 +109,4 @@ class OnlookPage:
         self._legend.content = words.legend(scale)
         if self.drawing.model.fingers:
             self._picture.image = self._tactile.picture(state, scale)
-        self._curves.show(*(list(column) for column in zip(*self._history, strict=True)))
+        self._curves.show(*(list(column) for column in zip(*self._history, strict=True)), together=together)

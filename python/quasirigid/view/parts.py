@@ -13,8 +13,7 @@ import numpy.typing as npt
 import viser
 
 from quasirigid.view.meshes import in_drawing_order
-from quasirigid.view.pressure import matrix_of
-from quasirigid.view.scene import Colour, FloatArray, IntArray, Moved, SceneState
+from quasirigid.view.scene import Colour, FloatArray, IntArray, Moved
 
 POSE_TOLERANCE = 1e-6
 """Poses that changed by less (m, and without unit for quaternions) are not sent again."""
@@ -22,7 +21,7 @@ SHAPE_TOLERANCE = 2e-6
 """Nor are vertices that moved by less, m: a fifth of what the view promises."""
 SPARE = 64
 """Room for line segments grows and shrinks in such steps."""
-LEAST_PLACES = 24
+LEAST_PLACES = 16
 """Places that a colour of a ``PatchPool`` has at least."""
 OUT_OF_SIGHT = (0.0, 0.0, -1e4)
 """Where points wait that are not needed: far beyond what the camera sees, m."""
@@ -38,40 +37,53 @@ class Joined:
         """``parts`` are bodies: index, points at rest (n, 3) m in its frame, faces (m, 3)."""
         self.bodies = [index for index, _, _ in parts]
         """Index of the body of every part."""
-        ends = np.cumsum([len(points) for _, points, _ in parts]).tolist()
-        self.slices = [slice(end - len(points), end) for end, (_, points, _) in zip(ends, parts, strict=True)]
-        """Where the vertices of every part are in the mesh."""
-        self._rest = np.concatenate([points for _, points, _ in parts]).astype(np.float32)
+        self.rows: list[IntArray] = []
+        """Which vertex of the mesh every point of a part is: vertices are numbered as they are drawn."""
+        self._slices: list[slice] = []
+        rest, faces, end = [], [], 0
+        for _, points, triangles in parts:
+            ordered = in_drawing_order(triangles, len(points))
+            used, first = np.unique(ordered, return_index=True)
+            order = np.concatenate([used[np.argsort(first)], np.setdiff1d(np.arange(len(points)), used)])
+            rows = np.empty(len(points), np.int64)
+            rows[order] = end + np.arange(len(points))
+            rest.append(points[order])
+            faces.append(rows[ordered])
+            self.rows.append(rows)
+            self._slices.append(slice(end, end + len(points)))
+            end += len(points)
+        self._rest = np.concatenate(rest).astype(np.float32)
         self._local = self._rest.copy()
-        self._poses = np.full((len(parts), 7), np.nan)
-        faces = np.concatenate(
-            [in_drawing_order(faces, len(points)) + part.start for (_, points, faces), part in zip(parts, self.slices, strict=True)]
-        )
+        self._stale = True
+        self.world = self._rest.copy()
+        """Where the vertices are, (n, 3) m."""
         self.handle = server.scene.add_mesh_simple(
-            name, self._rest, faces.astype(np.uint32), color=colour, cast_shadow=False, receive_shadow=False
+            name, self._rest, np.concatenate(faces).astype(np.uint32), color=colour, cast_shadow=False, receive_shadow=False
         )
 
     def deform(self, part: int, moved: Moved | None) -> None:
         """Vertices of a part are where its points are now; ``None``: at rest. Seen after the next ``place``."""
-        where = self.slices[part]
+        where = self._slices[part]
         shape = self._rest[where].copy()
         if moved is not None:
-            shape[moved.indices] = moved.points
+            shape[self.rows[part][moved.indices] - where.start] = moved.points
         if np.abs(shape - self._local[where]).max() > SHAPE_TOLERANCE:
             self._local[where] = shape
-            self._poses[part] = np.nan
+            self._stale = True
 
-    def place(self, state: SceneState) -> None:
-        """Sends the vertices if a body has moved or yielded."""
-        poses = np.concatenate([state.positions[self.bodies], state.quaternions[self.bodies]], axis=1)
-        if np.abs(poses - self._poses).max() <= POSE_TOLERANCE:  # false for NaN: not sent yet, or of another shape
-            return
-        self._poses = poses
-        world = np.empty_like(self._local)
-        for where, pose in zip(self.slices, poses, strict=True):
-            np.matmul(self._local[where], matrix_of(pose[3:]).T.astype(np.float32), out=world[where])
-            world[where] += pose[:3].astype(np.float32)
-        self.handle.vertices = world
+    def place(self, positions: FloatArray, turns: FloatArray, changed: npt.NDArray[np.bool_]) -> bool:
+        """Sends the vertices if a body has moved or yielded, and says whether.
+
+        ``positions`` (bodies, 3) m and rotation matrices ``turns`` (bodies, 3, 3) of all bodies, ``changed`` (bodies,): have moved.
+        """
+        if not self._stale and not changed[self.bodies].any():
+            return False
+        self._stale = False
+        for where, turn, position in zip(self._slices, turns[self.bodies].astype(np.float32), positions[self.bodies], strict=True):
+            np.matmul(self._local[where], turn.T, out=self.world[where])
+            self.world[where] += position.astype(np.float32)
+        self.handle.vertices = self.world
+        return True
 
 
 class LinePool:
@@ -117,43 +129,49 @@ class PatchPool:
     """Coloured points whose number changes.
 
     New colours are a new material in the page, which a page without a graphics card takes a tenth of a second to compile. So every
-    colour of the table has its own places in the cloud, and only places are sent.
+    colour of the table has its own places in the cloud, and only where the points are is sent.
     """
 
     def __init__(self, server: viser.ViserServer, name: str, size: float) -> None:
         self._server, self._name, self._size = server, name, size
         self._table = np.zeros((0, 3), np.uint8)
         self._room = np.zeros(0, np.int64)
-        self._starts = np.zeros(0, np.int64)
-        self._empty = True
+        self._at = np.zeros(0, np.int64)
+        """Which point of the cloud each point is."""
+        self._cloud = np.zeros((0, 3), np.float32)
         self._handle: viser.PointCloudHandle | None = None
 
-    def show(self, points: npt.NDArray[np.float32], levels: IntArray, table: npt.NDArray[np.uint8]) -> None:
-        """``points`` (n, 3) m, world; ``levels`` (n,) the row of each in ``table`` (k, 3) of colours."""
-        if len(points) == 0 and self._empty:
-            return
+    def arrange(self, levels: IntArray, table: npt.NDArray[np.uint8]) -> None:
+        """How many points there are from now on, and their colours: ``levels`` (n,) are rows of ``table`` (k, 3). ``move`` must follow."""
         count = np.bincount(levels, minlength=len(table))
-        fits = len(self._table) == len(table) and np.array_equal(self._table, table) and bool((count <= self._room).all())
-        if not fits:
-            old = self._room if len(self._room) == len(table) else np.zeros(len(table), np.int64)
-            self._room = np.maximum(np.maximum(old, LEAST_PLACES), 2 * count * (count > old))
-            self._starts = np.cumsum(self._room) - self._room
+        known = len(self._table) == len(table) and np.array_equal(self._table, table)
+        if not known or bool((count > self._room).any()):
+            old = self._room if known else np.full(len(table), LEAST_PLACES)
+            self._room = np.where(count > old, 2 * count, old)
             self._table = table.copy()
+            self._handle = None
+            self._cloud = np.empty((int(self._room.sum()), 3), np.float32)
         order = np.argsort(levels, kind="stable")
         row = levels[order]
-        rank = np.arange(len(row)) - (np.cumsum(count) - count)[row]
-        places = np.full((int(self._room.sum()), 3), OUT_OF_SIGHT, np.float32)
-        places[self._starts[row] + rank] = points[order]
-        self._empty = len(points) == 0
-        if self._handle is not None and fits:
-            self._handle.points = places
-        else:
-            self._handle = self._server.scene.add_point_cloud(
-                self._name,
-                places,
-                np.repeat(table, self._room, axis=0),
-                point_size=self._size,
-                point_shape="circle",
-                precision="float32",
-                point_shading="flat",
-            )
+        starts, before = np.cumsum(self._room) - self._room, np.cumsum(count) - count
+        self._at = np.empty(len(levels), np.int64)
+        self._at[order] = (starts - before)[row] + np.arange(len(row))
+        self._cloud[:] = OUT_OF_SIGHT
+
+    def move(self, points: npt.NDArray[np.float32]) -> None:
+        """Where they are: ``points`` (n, 3) m, world."""
+        if len(points) == 0 and self._handle is None:
+            return
+        self._cloud[self._at] = points
+        if self._handle is not None:
+            self._handle.points = self._cloud
+            return
+        self._handle = self._server.scene.add_point_cloud(
+            self._name,
+            self._cloud,
+            np.repeat(self._table, self._room, axis=0),
+            point_size=self._size,
+            point_shape="circle",
+            precision="float32",
+            point_shading="flat",
+        )

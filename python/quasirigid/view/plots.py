@@ -22,22 +22,38 @@ class Curves:
     def __init__(self, server: viser.ViserServer, model: SceneModel) -> None:
         names = model.fingers or ("force",)
         self._fingers = len(names)
+        self._turn = 0
         look = [(name, FINGER_COLOURS[i % 6]) for i, name in enumerate(names)]
         self._force = _plot(server, "Normal force, N", look)
         self._step = _plot(server, "Time for a step, ms", [("step", GREY)])
         self._contacts = _plot(server, "Contacts", [("contacts", GREY)])
 
-    def show(self, times: Sequence[float], forces: Sequence[Sequence[float]], steps: Sequence[float], contacts: Sequence[int]) -> None:
-        """``times`` (n,) s, ``forces`` (n, fingers) N, ``steps`` (n,) s, ``contacts`` (n,)."""
+    def show(
+        self,
+        times: Sequence[float],
+        forces: Sequence[Sequence[float]],
+        steps: Sequence[float],
+        contacts: Sequence[int],
+        *,
+        together: bool = True,
+    ) -> None:
+        """``times`` (n,) s, ``forces`` (n, fingers) N, ``steps`` (n,) s, ``contacts`` (n,).
+
+        A plot that is drawn anew is the dearest thing beside the scene. With ``together`` off every call draws one of them, in turn.
+        """
         if len(times) < 2:
             times, forces, steps, contacts = (0.0, 1.0), np.zeros((2, self._fingers)).tolist(), (0.0, 0.0), (0, 0)
         t = np.asarray(times, dtype=np.float64)
-        by_finger = np.zeros((len(t), self._fingers))
-        given = np.asarray(forces, dtype=np.float64).reshape(len(t), -1)
-        by_finger[:, : given.shape[1]] = given  # a world without a hand has none
-        self._force.data = (t, *(np.ascontiguousarray(by_finger[:, i]) for i in range(self._fingers)))
-        self._step.data = (t, 1e3 * np.asarray(steps, dtype=np.float64))
-        self._contacts.data = (t, np.asarray(contacts, dtype=np.float64))
+        self._turn = (self._turn + 1) % 3
+        if together or self._turn == 0:
+            by_finger = np.zeros((len(t), self._fingers))
+            given = np.asarray(forces, dtype=np.float64).reshape(len(t), -1)
+            by_finger[:, : given.shape[1]] = given  # a world without a hand has none
+            self._force.data = (t, *(np.ascontiguousarray(by_finger[:, i]) for i in range(self._fingers)))
+        if together or self._turn == 1:
+            self._step.data = (t, 1e3 * np.asarray(steps, dtype=np.float64))
+        if together or self._turn == 2:
+            self._contacts.data = (t, np.asarray(contacts, dtype=np.float64))
 
     def remove(self) -> None:
         """Takes the plots out of the page."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -52,19 +52,19 @@ def nice_above(value: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """The contacts of one body, in its frame."""
+    """The contacts of one body, in its frame or in world axes."""
 
     points: FloatArray
     """(c, 3) m."""
     pressures: FloatArray
     """(c,) Pa."""
     shear: FloatArray
-    """(c, 3) Pa: friction on the body over area, body axes."""
+    """(c, 3) Pa: friction on the body over area."""
     areas: FloatArray
     """(c,) m^2."""
     status: npt.NDArray[np.uint8]
 
-    def near(self, points: FloatArray) -> npt.NDArray[np.int64]:
+    def near(self, points: FloatArray | npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
         """Which of ``points`` (n, 3) may be under pressure: those in a sphere around the loaded contacts."""
         loaded = self.points[self.pressures > 0.0]
         if len(loaded) == 0:
@@ -75,35 +75,38 @@ class Patch:
 
 
 def matrix_of(q: FloatArray) -> FloatArray:
-    """Rotation matrix (3, 3) of a unit quaternion (4,)."""
-    w, x, y, z = q
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
+    w, x, y, z = (q[..., i] for i in range(4))
+    turn = np.empty((*q.shape[:-1], 3, 3))
+    turn[..., 0, 0], turn[..., 0, 1], turn[..., 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    turn[..., 1, 0], turn[..., 1, 1], turn[..., 1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    turn[..., 2, 0], turn[..., 2, 1], turn[..., 2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    return turn
 
 
-def patch_of(state: SceneState, body: int) -> Patch:
-    """The contacts of a body."""
-    contacts: ContactsState = state.contacts
-    mine = (contacts.body_a == body) | (contacts.body_b == body)
-    turn = matrix_of(state.quaternions[body])
+def world_patch(contacts: ContactsState, body: int) -> Patch:
+    """The contacts of a body, in world axes."""
+    mine = np.flatnonzero((contacts.body_a == body) | (contacts.body_b == body))
     sign = np.where(contacts.body_a[mine] == body, 1.0, -1.0)[:, None]
     along = contacts.reactions[mine, :1] * contacts.normals[mine]
-    friction = sign * (contacts.forces[mine] - along) / contacts.areas[mine, None]
+    areas = contacts.areas[mine]
     return Patch(
-        points=(contacts.points[mine] - state.positions[body]) @ turn,
+        points=contacts.points[mine],
         pressures=contacts.pressures[mine],
-        shear=friction @ turn,
-        areas=contacts.areas[mine],
+        shear=sign * (contacts.forces[mine] - along) / areas[:, None],
+        areas=areas,
         status=contacts.status[mine],
     )
 
 
-def pressure_at(points: FloatArray, patch: Patch) -> FloatArray:
+def patch_of(state: SceneState, body: int) -> Patch:
+    """The contacts of a body, in its frame."""
+    patch = world_patch(state.contacts, body)
+    turn = matrix_of(state.quaternions[body])
+    return replace(patch, points=(patch.points - state.positions[body]) @ turn, shear=patch.shear @ turn)
+
+
+def pressure_at(points: FloatArray | npt.NDArray[np.float32], patch: Patch) -> FloatArray:
     """Pressure (n,) Pa at ``points`` (n, 3), same frame: that of the contacts around, a Gaussian as wide as they are apart."""
     if len(patch.points) == 0 or patch.pressures.max(initial=0.0) <= 0.0:
         return np.zeros(len(points))
@@ -111,9 +114,12 @@ def pressure_at(points: FloatArray, patch: Patch) -> FloatArray:
     h = 0.8 * apart
     # Single precision about the middle of the patch: far below what a colour shows.
     middle = patch.points.mean(axis=0)
-    there, spots = (points - middle).astype(np.float32) / h, (patch.points - middle).astype(np.float32) / h
-    square = (there**2).sum(axis=1)[:, None] + (spots**2).sum(axis=1)[None] - 2.0 * there @ spots.T
-    weight = np.exp(-np.clip(square, 0.0, 80.0))
+    there, spots = ((points - middle) / h).astype(np.float32), ((patch.points - middle) / h).astype(np.float32)
+    weight = there @ (2.0 * spots.T)
+    weight -= (there**2).sum(axis=1)[:, None]
+    weight -= (spots**2).sum(axis=1)
+    np.maximum(weight, -80.0, out=weight)
+    np.exp(weight, out=weight)
     # Where few contacts are around, at the rim, the rest counts as unloaded. Within the patch the sum is pi (h / apart)^2.
     total = np.maximum(weight.sum(axis=1), 0.75 * math.pi * (h / apart) ** 2)
     result: FloatArray = (weight @ patch.pressures.astype(np.float32)).astype(np.float64) / total

@@ -26,8 +26,8 @@ from quasirigid.view.touch import Touch
 
 RATE = 36.0
 """Updates of the page per second, at most."""
-SLOW_RATE = 5.0
-"""Plots, pictures and figures per second."""
+SLOW_RATE = 4.0
+"""Pictures, figures, and plots one after another, per second: in a page without a graphics card each costs as much as the whole scene."""
 LEFT_WIDTH = 300
 """Of the panel with the plots, px."""
 
@@ -122,6 +122,7 @@ class LiveView:
         add_ground(self.server, frame.model.floor)
         place_camera(self.server, frame.model, frame.state.positions, frame.state.quaternions)
         self._drawing = SceneDrawing(self.server, frame.model, layers=self._layers)
+        self._drawing.hurried = True
         self._touch = Touch(self.server, self.session, self._drawing, frame)
         self._touch.show(**self._gizmos)
         self._tactile = Tactile(frame.model)
@@ -173,5 +174,9 @@ class LiveView:
             self._picture.image = self._tactile.picture(frame.state, scale)
         samples = list(self.session.samples)
         self._curves.show(
-            [s.time for s in samples], [s.forces for s in samples], [s.step_time for s in samples], [s.contacts for s in samples]
+            [s.time for s in samples],
+            [s.forces for s in samples],
+            [s.step_time for s in samples],
+            [s.contacts for s in samples],
+            together=not frame.running,
         )

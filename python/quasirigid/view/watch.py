@@ -67,18 +67,18 @@ class WorldView:
         return state
 
     def _look_on(self) -> None:
-        last = -1
+        last, settled = -1, False
         while not self._ended.wait(1.0 / LOOKS):
             try:
                 if not self._scene.unchanged():
                     self._scene = WorldScene(self.world)
                     self._page.begin(self._scene.model, self._scene.state())
                 state = self._look()
-                if state is None or (state.step == last and not self._page.changed):
+                if state is None or (state.step == last and settled and not self._page.changed):
                     continue
-                last = state.step
+                last, settled = state.step, state.step == last
                 figures = f"time {state.time:.3f} s, {len(state.contacts)} contacts, {state.step} steps"
-                self._page.draw(state, words.note(figures))
+                self._page.draw(state, words.note(figures), exact=settled)
             except (RuntimeError, QuasirigidError) as error:
                 if not self._ended.is_set():
                     print(f"quasirigid: view: {error}", file=sys.stderr)

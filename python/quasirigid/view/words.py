@@ -52,8 +52,8 @@ def legend(full_scale: float) -> str:
         '<div style="margin-bottom:3px">Pressure on the pads, and what a tactile sensor there would see</div>'
         f'<div style="height:10px;border-radius:3px;background:linear-gradient(to right,{stops})"></div>'
         f'<div style="display:flex;justify-content:space-between">{marks}</div>'
-        f'<div style="margin-top:4px"><b style="color:{STICK_COLOUR}">&#8594;</b> sticks &nbsp; '
-        f'<b style="color:{SLIP_COLOUR}">&#8594;&#215;</b> slips</div></div>'
+        f'<div style="margin-top:4px"><b style="color:{STICK_COLOUR}">&#8212;</b> sticks &nbsp; '
+        f'<b style="color:{SLIP_COLOUR}">&#215;&#8212;</b> slips</div></div>'
     )
 
 

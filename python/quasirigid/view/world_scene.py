@@ -16,6 +16,8 @@ from quasirigid.view.scene import BodyView, Colour, ContactsState, FloatArray, I
 
 OBJECT_COLOURS: tuple[Colour, ...] = (GLASS, (0.62, 0.50, 0.36), (0.42, 0.55, 0.40))
 SUPPORT: Colour = (0.90, 0.91, 0.93)
+LEVEL = 0.999
+"""Cosine of the slope of what counts as a level plane."""
 KNUCKLE = 0.42
 """Radius of the axle at a joint, as a share of the link's."""
 
@@ -229,7 +231,14 @@ def _link_meshes(hand: Hand, finger: int, own: Colour) -> list[tuple[int, Mesh, 
 
 
 def _floor(views: Sequence[BodyView], bodies: Sequence[Body]) -> float:
-    """The ground lies under everything that is there at the start."""
+    """The ground lies on the lowest plane that carries things, else under everything that is there at the start."""
+    planes = [
+        float(body.position[2] + rotate(body.quaternion, view.points)[:, 2].max())
+        for view, body in zip(views, bodies, strict=False)
+        if view.kind == "support" and len(view.points) and rotate(body.quaternion, view.normals)[:, 2].min() > LEVEL
+    ]
+    if planes:
+        return min(planes)
     lowest = [
         float((body.position[2] + rotate(body.quaternion, view.points)[:, 2]).min())
         for view, body in zip(views, bodies, strict=False)

@@ -2,6 +2,7 @@
 
 use crate::body::{BodyEntry, Skin};
 use crate::collision::{Afar, Contact, Pair, PatchSide};
+use crate::contact_problem::ContactProblem;
 use crate::math::{Mat3, Real, Vec3};
 use crate::params::Parameters;
 use crate::surface::{Compliance, LocalCompliance};
@@ -14,6 +15,9 @@ const SAME_FORCE: Real = 1e-9;
 
 /// A patch whose reactions changed by less than this share in a step is taken to be at rest.
 const LEAST_TREND: Real = 1e-6;
+
+/// Reactions have to change by this many times what the solver left unfinished, or they are not foretold.
+const SURE: Real = 10.0;
 
 /// Scratch: forces on the control points of one side.
 #[derive(Debug, Default)]
@@ -38,9 +42,12 @@ pub(super) fn remember(
     pairs: &mut [Pair],
     bodies: &[BodyEntry],
     contacts: &[Contact],
-    reactions: &[Vec3],
+    problem: &ContactProblem,
     params: &Parameters,
 ) {
+    let reactions = &problem.reactions;
+    // What a solver that was cut short is still wrong by is no motion: carried on from step to step it would grow.
+    let least_trend = LEAST_TREND.max(SURE * problem.unfinished);
     let mut first = 0;
     for (index, pair) in pairs.iter_mut().enumerate() {
         let count = contacts[first..].iter().take_while(|c| c.pair as usize == index).count();
@@ -77,7 +84,7 @@ pub(super) fn remember(
             (pair.trend[c as usize], pair.change[c as usize]) = (Vec3::zeros(), Vec3::zeros());
         }
         // What is left at rest is the solver's last digits: to carry them on would only make work.
-        if change < LEAST_TREND * LEAST_TREND * force {
+        if change < least_trend * least_trend * force {
             for &c in &pair.loaded {
                 (pair.trend[c as usize], pair.change[c as usize]) = (Vec3::zeros(), Vec3::zeros());
             }

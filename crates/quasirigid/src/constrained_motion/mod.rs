@@ -39,7 +39,7 @@ pub fn constrained_motion(
 ) {
     let reactions = &problem.reactions;
     slip::remember(pairs, contacts, problem, context.dt);
-    deformation::remember(&mut scratch.deformation, pairs, bodies, contacts, reactions, params);
+    deformation::remember(&mut scratch.deformation, pairs, bodies, contacts, problem, params);
     generalized_forces(&mut scratch.forces, bodies, contacts, reactions);
     scratch.quarantined.clear();
     for (index, ((entry, free), force)) in bodies.iter_mut().zip(free).zip(&scratch.forces).enumerate() {

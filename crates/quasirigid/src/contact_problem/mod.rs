@@ -29,6 +29,8 @@ pub struct ContactProblem {
     pub reactions: Vec<Vec3>,
     /// Whether any of the warm start is a forecast rather than the last reaction: something is in motion.
     pub foretold: bool,
+    /// Residual of the reactions if the solver did not get to its tolerance, otherwise 0. Set with the solution.
+    pub unfinished: Real,
     /// Open, stick or slip, as the solver left it.
     pub status: Vec<ContactStatus>,
     /// Contacts that had to be left out because their block of `W` was not positive definite (no body of the pair can move there and neither gives).
@@ -132,6 +134,7 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodi
     out.mu.clear();
     out.reactions.clear();
     out.foretold = false;
+    out.unfinished = 0.0;
     out.status.clear();
     out.status.resize(contacts.len(), ContactStatus::Open);
     out.rigid_time = Duration::ZERO;

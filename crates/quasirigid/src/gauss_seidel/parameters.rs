@@ -17,7 +17,7 @@ pub struct SolverParameters {
     /// Sweeps at least; taken as 1 if 0. Default 2. More: only time is lost. Less, too: one sweep a step leaves a slow mode that the motion of the step
     /// feeds again.
     pub min_sweeps: u32,
-    /// Time at most; overrun by a few passes over the contacts. Default none. A budget makes the result depend on the machine:
+    /// Time at most; overrun by a few passes over the contacts, and four sweeps are done in any case. Default none. A budget makes the result depend on the machine:
     /// two runs are then no longer the same bit by bit.
     pub time_budget: Option<Duration>,
     /// What `tolerance` is compared with. Default [`Measure::UnitFree`].

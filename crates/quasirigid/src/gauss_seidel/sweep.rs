@@ -50,8 +50,14 @@ const IMPROVEMENT: Real = 0.01;
 /// Below this share of the tolerance a forecast of something in motion need not be improved by as much.
 const WELL_BELOW: Real = 0.1;
 
+/// Sweeps that a step does even without any time left. With one a step a grasp at rest creeps by 0.1 mm/s, with four it stays where it is.
+const HURRIED_SWEEPS: u32 = 4;
+
 /// Sweeps that may be spent on that once the residual is within the tolerance.
 const REFINEMENT: u32 = 8;
+
+/// Where something rests, sweeps that have been spent on it and have not come below this share of the tolerance crawl: Newton steps follow.
+const SETTLED: Real = 0.01;
 
 /// A first sweep that changes the reactions by less than this share has nothing to improve on: a creep of 1e-14 m/s at most.
 const FINEST: Real = 1e-11;
@@ -197,15 +203,24 @@ impl<W: Delassus> Run<'_, W> {
                 let enough = if self.parameters.foretold { WELL_BELOW * tolerance } else { 0.0 };
                 aim = (IMPROVEMENT * change).clamp(enough, tolerance);
             }
-            let out_of_time = self.out_of_time(0);
+            let hurried = self.parameters.measure == Measure::UnitFree && self.sweeps < HURRIED_SWEEPS;
+            let out_of_time = self.out_of_time(0).filter(|stop| !(hurried && *stop == Stop::TimeBudget));
             let seen = self.seen;
             least = least.min(seen);
-            if out_of_time.is_some() || (self.sweeps >= self.parameters.min_sweeps && seen <= look_below) {
+            let refined = good_since.is_some_and(|since| self.sweeps >= since + REFINEMENT);
+            if out_of_time.is_some() || refined || (self.sweeps >= self.parameters.min_sweeps && seen <= look_below) {
                 let residual = self.residual();
                 if self.converged(residual) {
                     let since = *good_since.get_or_insert(self.sweeps);
-                    if residual <= aim || self.sweeps >= since + REFINEMENT || out_of_time.is_some() {
+                    let refined = self.sweeps >= since + REFINEMENT;
+                    let enough = if self.parameters.foretold { tolerance } else { SETTLED * tolerance };
+                    // Newton steps need a sweep before and one after them.
+                    let last_chance = out_of_time.is_some() || self.out_of_time(3).is_some();
+                    if residual <= aim || refined && (residual <= enough || last_chance) || out_of_time.is_some() {
                         return Some(self.report(residual, Stop::Converged));
+                    }
+                    if refined {
+                        return None;
                     }
                 }
                 if let Some(stop) = out_of_time {
