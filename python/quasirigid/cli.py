@@ -60,6 +60,8 @@ EXAMPLES = """[bold]Examples[/bold]
 [cyan]quasirigid grasp --json | jq .drift_m_per_s[/cyan]  one figure for a script
 
 [cyan]quasirigid grasp --mocap dtrack[/cyan]  your own hand, tracked; `quasirigid mocap replay` sends a recorded one
+
+[cyan]quasirigid grasp --mocap take --view[/cyan]  that one in the browser, without a network
 """
 
 

@@ -11,9 +11,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from quasirigid import mocap
 from quasirigid.cli import main
+from quasirigid.mocap.tables import live_panel
 
 LIMIT = 60.0
 
@@ -104,6 +106,35 @@ def test_inspect_prints_a_panel_or_json(capsys: pytest.CaptureFixture[str], tmp_
     assert out == ""
     assert err.count("\n") == 1
     assert "mocap record" in err
+
+
+FLYSTICK = b"""fr 1
+ts 10.0
+6dcal 1
+6d 0
+6df2 1 1 [0 1.000 6 2][10 20 30][1 0 0 0 1 0 0 0 1][5 0.5 -0.5]
+3d 2 [1 1.000][1 2 3][2 1.000][4 5 6]
+"""
+
+
+def test_a_flystick_is_named_and_not_taken_for_a_hand(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    file = tmp_path / "fly.take"
+    file.write_bytes(FLYSTICK + FLYSTICK.replace(b"fr 1", b"fr 2").replace(b"ts 10.0", b"ts 10.02"))
+    assert main(["mocap", "inspect", str(file), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["hands"], found["bodies"], found["other"]) == ([], [], {"flysticks": 1, "markers": 2})
+    packet = mocap.Packet.parse(FLYSTICK)
+    with mocap.Receiver("0", bind="127.0.0.1") as receiver:
+        figures = receiver.statistics()
+    console = Console(width=100)
+    with console.capture() as shown:
+        console.print(live_panel("here", figures, packet, [], 0.0))
+    assert "flysticks     1, not used" in shown.get()
+    assert "none seen, and no bodies" in shown.get()
+    assert main(["grasp", "--mocap", f"take:{file}", "--points", "3000", "--out", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "never seen" in out
+    assert "quasirigid mocap monitor" in " ".join(out.replace("│", " ").split())
 
 
 @pytest.mark.parametrize("name", ["record", "replay", "inspect", "monitor", "calibrate"])
