@@ -15,21 +15,33 @@ from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import Annotated, NoReturn
 
 import typer
-from rich.console import Console, Group
-from rich.markup import escape
-from rich.panel import Panel
+from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from quasirigid import cli_recordings, cli_view
-from quasirigid.errors import QuasirigidError
+from quasirigid.cli_options import (
+    PHYSICS,
+    RUN,
+    Compliance,
+    Friction,
+    Mass,
+    MaterialName,
+    ObjectFile,
+    Points,
+    Scale,
+    Size,
+    Squeeze,
+    Threads,
+    Yielding,
+)
+from quasirigid.errors import InvalidValueError, QuasirigidError
+from quasirigid.grasp_panel import grasp_panel
 from quasirigid.mocap.commands import app as mocap_commands
-
-if TYPE_CHECKING:
-    from quasirigid.grasp import GraspResult
+from quasirigid.quiet import quiet_fonts
 
 # What the commands need is imported when they run: `--help` must not wait for matplotlib.
 
@@ -49,13 +61,6 @@ EXAMPLES = """[bold]Examples[/bold]
 
 [cyan]quasirigid grasp --mocap dtrack[/cyan]  your own hand, tracked; `quasirigid mocap replay` sends a recorded one
 """
-
-
-class Compliance(str, Enum):
-    """How surfaces yield."""
-
-    local = "local"
-    half_space = "half-space"
 
 
 class ObjectMotion(str, Enum):
@@ -86,59 +91,27 @@ def _common(
 
 app.add_typer(mocap_commands, name="mocap")
 
-OBJECT, PHYSICS, RUN, MOCAP = "Object", "Physics", "Run and output", "Motion capture"
+MOCAP = "Motion capture"
 
 
 @app.command(epilog=EXAMPLES)
 def grasp(
-    object_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--object",
-            metavar="FILE",
-            help="Mesh or point cloud (OBJ, PLY, STL, OFF, GLB, XYZ, NPY). Default: a box of 60 x 60 x 80 mm.",
-            rich_help_panel=OBJECT,
-        ),
-    ] = None,
-    scale: Annotated[
-        float | None, typer.Option(help="Factor on the file's coordinates, such as 0.001 for millimetres.", rich_help_panel=OBJECT)
-    ] = None,
-    size: Annotated[
-        float | None,
-        typer.Option(metavar="METRES", help="Largest extent that the object shall have, in place of --scale.", rich_help_panel=OBJECT),
-    ] = None,
-    mass: Annotated[
-        float | None,
-        typer.Option(
-            metavar="KG", help="Mass of the object. Default: 0.2 for the box, else from the material's density.", rich_help_panel=OBJECT
-        ),
-    ] = None,
-    points: Annotated[
-        int | None,
-        typer.Option(help="Points on the object's surface. Default: 36,000 on the box, 20,000 on others.", rich_help_panel=OBJECT),
-    ] = None,
-    friction: Annotated[
-        float | None,
-        typer.Option(help="Coulomb coefficient between fingers and object. Default: that of the materials.", rich_help_panel=PHYSICS),
-    ] = None,
-    material: Annotated[
-        str, typer.Option(metavar="NAME", help="The object's material; see `quasirigid materials`.", rich_help_panel=PHYSICS)
-    ] = "wood",
-    squeeze: Annotated[
-        float | None,
-        typer.Option(
-            metavar="NEWTON", help="Force of the thumb. Default: 4, and more for a heavy object from a file.", rich_help_panel=PHYSICS
-        ),
-    ] = None,
-    compliance: Annotated[
-        Compliance, typer.Option(help="How surfaces yield: the paper's local model or an elastic half-space.", rich_help_panel=PHYSICS)
-    ] = Compliance.local,
+    context: typer.Context,
+    object_file: ObjectFile = None,
+    scale: Scale = None,
+    size: Size = None,
+    mass: Mass = None,
+    points: Points = None,
+    friction: Friction = None,
+    material: MaterialName = "wood",
+    squeeze: Squeeze = None,
+    compliance: Yielding = Compliance.local,
     object_motion: Annotated[
         ObjectMotion, typer.Option(help="Bodies with inertia, or the paper's without.", rich_help_panel=PHYSICS)
     ] = ObjectMotion.inertial,
     dt: Annotated[float, typer.Option(metavar="SECONDS", help="Time step.", rich_help_panel=RUN)] = 1e-3,
     hold: Annotated[float, typer.Option(metavar="SECONDS", help="Length of the first hold.", rich_help_panel=RUN)] = 2.0,
-    threads: Annotated[int, typer.Option(help="Threads; the result is the same for any number.", rich_help_panel=RUN)] = 1,
+    threads: Threads = 1,
     seed: Annotated[int, typer.Option(help="Seed of the sampling of the object's surface.", rich_help_panel=RUN)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON and nothing else.", rich_help_panel=RUN)] = False,
     out: Annotated[
@@ -237,8 +210,8 @@ def grasp(
     feedback_rate: Annotated[float, typer.Option(metavar="HERTZ", help="How often.", rich_help_panel=MOCAP)] = 60.0,
 ) -> None:
     """Grasp an object, hold it, lift it, shake it, put it down; report how well it was held."""
-    from quasirigid.grasp import run_grasp
     from quasirigid.grasp_options import GraspOptions
+    from quasirigid.grasp_run import run_grasp
 
     options = GraspOptions(
         object=object_file,
@@ -256,7 +229,9 @@ def grasp(
         threads=threads,
         seed=seed,
     )
-    if mocap is not None:
+    if mocap is None:
+        _refuse_unheard(context)
+    else:
         from quasirigid.mocap.grasp_command import coupled, grasp_mocap
         from quasirigid.mocap.options import MocapOptions
 
@@ -299,7 +274,16 @@ def grasp(
     if as_json:
         typer.echo(json.dumps(result.summary, indent=2, allow_nan=False))
     else:
-        Console().print(_panel(result))
+        Console().print(grasp_panel(result))
+
+
+def _refuse_unheard(context: typer.Context) -> None:
+    """Refuses options about a tracked hand where there is none: they would do nothing."""
+    for option in context.command.params:
+        given = getattr(context.get_parameter_source(option.name or ""), "name", "") == "COMMANDLINE"
+        if given and getattr(option, "rich_help_panel", None) == MOCAP:
+            name = option.opts[0]
+            raise InvalidValueError(name, "--mocap beside it", "none", "it is about a tracked hand: add --mocap, or leave it out")
 
 
 @app.command()
@@ -357,58 +341,6 @@ cli_view.add_to(app)
 cli_recordings.add_to(app)
 
 
-def _panel(result: GraspResult) -> Panel:
-    s = result.summary
-    table = Table(box=None, show_header=False, pad_edge=False)
-    table.add_column(style="dim", min_width=16)
-    table.add_column()
-
-    def per_finger(key: str) -> str:
-        return "  ".join(f"{name.replace('_', ' ')} {force:.2f}" for name, force in zip(s["fingers"], s[key], strict=True)) + " N"
-
-    table.add_row(
-        "object", f"{escape(s['object'])}, {s['object_mass_kg']:.3g} kg, taken {s['approach']}, {1e3 * s['grasp_width_m']:.0f} mm wide"
-    )
-    table.add_row(
-        "squeeze", f"{s['squeeze_n']:.3g} N, friction {s['friction']:.2g}, {s['compliance']} compliance, {s['object_motion']} bodies"
-    )
-    if s["drift_m_per_s"] is not None:
-        drift = f"{_with_prefix(s['drift_m_per_s'], 'm/s')}, {_with_prefix(s['spin_rad_per_s'], 'rad/s')}"
-        table.add_row("drift", drift + " in the hand, over the last second of the hold")
-        table.add_row("pressing", per_finger("normal_force_n"))
-        table.add_row("friction", per_finger("tangential_force_n"))
-        table.add_row("slip margin", f"{100 * s['slip_margin']:.0f} % of the friction limit left on the weakest finger")
-        table.add_row("balance", f"weight and contact forces agree within {100 * s['support_error']:.2g} %")
-        table.add_row("overlap", f"{1e6 * s['overlap_max_m']:.2g} µm left at the deepest contact")
-    missed = f", [red]{s['unconverged_steps']} steps did not converge[/red]" if s["unconverged_steps"] else ", every step converged"
-    table.add_row("contacts", f"up to {s['contacts']}, residual up to {s['residual_max']:.1e}{missed}")
-    speed = f"{s['step_ms_median']:.3f} ms median, {s['step_ms_p99']:.3f} ms p99"
-    table.add_row("step", f"{speed}, {s['real_time_factor']:.2g} x real time, {s['steps']} steps")
-    notes = [f"[yellow]note[/yellow] {escape(note)}" for note in s["warnings"]]
-    where = f"[dim]summary, recording and {len(result.plots)} plots in[/dim] {escape(str(result.summary_file.parent))}"
-    verdict = "[bold green]held[/bold green]" if s["held"] else f"[bold red]dropped[/bold red] in the phase [bold]{_last_phase(s)}[/bold]"
-    return Panel(
-        Group(verdict, "", table, "", *notes, where),
-        title="grasp",
-        title_align="left",
-        border_style="green" if s["held"] else "red",
-        expand=False,
-    )
-
-
-def _with_prefix(value: float, unit: str) -> str:
-    """A small figure in a unit that reads well: ``"0.02 nm/s"``, ``"1.9 mm/s"``."""
-    for factor, prefix in ((1.0, ""), (1e3, "m"), (1e6, "µ")):
-        if value * factor >= 1.0:
-            return f"{value * factor:.2g} {prefix}{unit}"
-    return f"{value * 1e9:.2g} n{unit}"
-
-
-def _last_phase(summary: dict[str, Any]) -> str:
-    names = [phase["name"] for phase in summary["phases"] if phase["name"] != "fall"]
-    return str(names[-1]) if names else "close"
-
-
 @contextmanager
 def _progress(*, quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
     """A progress bar on standard error, if somebody is there to see it."""
@@ -454,6 +386,7 @@ def _say(text: str) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
+    quiet_fonts()
     command = typer.main.get_command(app)
     try:
         code = command.main(args=list(sys.argv[1:] if arguments is None else arguments), prog_name="quasirigid", standalone_mode=False)
@@ -464,7 +397,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Usage errors of the command line parser; they know their own exit code (2).
         if hasattr(error, "format_message"):
             if error.format_message():  # empty when the help was shown for want of arguments
-                _say(f"{error.format_message()}; see `quasirigid --help`")
+                _say(f"{error.format_message().rstrip('.')}; see `quasirigid --help`")
             return int(getattr(error, "exit_code", 2))
         if type(error).__name__ == "Abort":
             return 130

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from quasirigid.cli_options import HOST, PAGE, PORT, Browser, Host, Port, Seconds
+
 if TYPE_CHECKING:
     from quasirigid.view.render import Progress
 
@@ -47,11 +49,11 @@ TO = Annotated[float | None, typer.Option("--to", metavar="SECONDS", help="End, 
 
 def replay(
     file: RECORDING,
-    host: Annotated[str, typer.Option(help="Who may look: 127.0.0.1 is this machine alone, 0.0.0.0 the whole network.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port of the page; the next free one if it is in use.")] = 8080,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
-    play: Annotated[bool, typer.Option("--play", help="Play at once, without waiting for the button.")] = False,
-    seconds: Annotated[float | None, typer.Option(help="End after so many seconds.")] = None,
+    host: Host = HOST,
+    port: Port = PORT,
+    browser: Browser = True,
+    play: Annotated[bool, typer.Option("--play", help="Play at once, without waiting for the button.", rich_help_panel=PAGE)] = False,
+    seconds: Seconds = None,
 ) -> None:
     """Show a recording in the browser: the view of `quasirigid view`, with a timeline."""
     from quasirigid.view.replay import ReplayView

@@ -2,12 +2,34 @@
 
 from __future__ import annotations
 
+import sys
 import time
-from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from quasirigid.cli_options import (
+    HOST,
+    PAGE,
+    PORT,
+    RUN,
+    Browser,
+    Compliance,
+    Friction,
+    Host,
+    Mass,
+    MaterialName,
+    ObjectFile,
+    Points,
+    Port,
+    Scale,
+    Seconds,
+    Size,
+    Squeeze,
+    Threads,
+    Yielding,
+)
 
 EXAMPLES = """[bold]Examples[/bold]
 
@@ -20,44 +42,28 @@ EXAMPLES = """[bold]Examples[/bold]
 [cyan]quasirigid view --run --seconds 10 --no-browser[/cyan]  run unattended and end by itself
 """
 
-SCENE, PAGE = "Scene", "Page"
-
-
-class Model(str, Enum):
-    """How surfaces yield."""
-
-    local = "local"
-    half_space = "half-space"
-
 
 def view(
-    object_file: Annotated[
-        Path | None,
-        typer.Option("--object", metavar="FILE", help="Mesh or point cloud. Default: a box of 60 x 60 x 80 mm.", rich_help_panel=SCENE),
-    ] = None,
-    scale: Annotated[float | None, typer.Option(help="Factor on the file's coordinates.", rich_help_panel=SCENE)] = None,
-    size: Annotated[
-        float | None, typer.Option(metavar="METRES", help="Largest extent that the object shall have.", rich_help_panel=SCENE)
-    ] = None,
-    mass: Annotated[float | None, typer.Option(metavar="KG", help="Mass of the object.", rich_help_panel=SCENE)] = None,
-    points: Annotated[int | None, typer.Option(help="Points on the object's surface.", rich_help_panel=SCENE)] = None,
-    friction: Annotated[float | None, typer.Option(help="Coulomb coefficient between fingers and object.", rich_help_panel=SCENE)] = None,
-    material: Annotated[str, typer.Option(metavar="NAME", help="The object's material.", rich_help_panel=SCENE)] = "wood",
-    squeeze: Annotated[float | None, typer.Option(metavar="NEWTON", help="Force of the thumb.", rich_help_panel=SCENE)] = None,
-    compliance: Annotated[Model, typer.Option(help="How surfaces yield.", rich_help_panel=SCENE)] = Model.local,
-    threads: Annotated[int, typer.Option(help="Threads of the engine.", rich_help_panel=SCENE)] = 1,
-    host: Annotated[
-        str, typer.Option(help="Who may look: 127.0.0.1 is this machine alone, 0.0.0.0 the whole network.", rich_help_panel=PAGE)
-    ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port of the page; the next free one if it is in use.", rich_help_panel=PAGE)] = 8080,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.", rich_help_panel=PAGE)] = True,
+    object_file: ObjectFile = None,
+    scale: Scale = None,
+    size: Size = None,
+    mass: Mass = None,
+    points: Points = None,
+    friction: Friction = None,
+    material: MaterialName = "wood",
+    squeeze: Squeeze = None,
+    compliance: Yielding = Compliance.local,
+    threads: Threads = 1,
+    host: Host = HOST,
+    port: Port = PORT,
+    browser: Browser = True,
     run: Annotated[
         bool, typer.Option("--run", help="Start running at once, without waiting for the Run button.", rich_help_panel=PAGE)
     ] = False,
-    seconds: Annotated[float | None, typer.Option(help="End after so many seconds.", rich_help_panel=PAGE)] = None,
+    seconds: Seconds = None,
     record: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Record what happens, for `quasirigid replay`; Reset begins FILE-2.", rich_help_panel=SCENE),
+        typer.Option(metavar="FILE", help="Record what happens, for `quasirigid replay`; Reset begins FILE-2.", rich_help_panel=RUN),
     ] = None,
 ) -> None:
     """Grasp in the browser: a live view with a panel, plots, and handles to drag."""
@@ -78,8 +84,11 @@ def view(
         compliance=compliance.value,
         threads=threads,
     )
-    live = LiveView(Play(options), options, host=host, port=port)
+    play = Play(options)
     recorder = None if record is None else LiveRecorder(record)
+    if recorder is not None:
+        recorder.begin(play)  # a place where nothing can be written is found out now
+    live = LiveView(play, options, host=host, port=port)
     if recorder is not None:
         live.session.observe(recorder)
     live.start()
@@ -97,9 +106,13 @@ def view(
     finally:
         live.stop()
         if recorder is not None:
-            recorder.close()
-            for path in recorder.paths:
-                typer.echo(str(path))
+            try:
+                recorder.close()
+            finally:
+                for path in recorder.paths:
+                    typer.echo(str(path))
+            if recorder.waited > 0.0:
+                print(f"quasirigid: the disk could not follow: the simulation waited {recorder.waited:.2g} s for it", file=sys.stderr)
 
 
 def add_to(app: typer.Typer) -> None:

@@ -8,6 +8,7 @@ let go of the lock, and given to HDF5 as they are to stand in the file: what is 
 
 from __future__ import annotations
 
+import errno
 import itertools
 import os
 import queue
@@ -25,7 +26,7 @@ import numpy.typing as npt
 from quasirigid.errors import RecordingError
 
 WAITING = 16
-"""Blocks that may wait for the disk, at most: some seconds of a grasp in real time, 2 MB each."""
+"""Blocks that may wait for the disk, at most: 1.6 s of steps of a millisecond, about 2 MB each in a grasp."""
 LEVEL = 1
 """Of the compression. 4 saves 3 % of the space and takes a fifth more time."""
 YIELD = 5e-5
@@ -61,6 +62,7 @@ class PackedColumn:
         """Add ``rows`` and put them on disk. The last chunk, if it is not full, is written anew the next time."""
         if self._resolution:
             rows = np.rint(rows * rows.dtype.type(1.0 / self._resolution)) * rows.dtype.type(self._resolution)
+            rows += 0.0  # no -0
         deep = self._chunk[0]
         first = self._length - len(self._tail)
         self._length += len(rows)
@@ -166,7 +168,9 @@ def unwritable(path: str, error: Exception) -> RecordingError:
     # HDF5 says in which of its calls it happened; people want to know what the operating system said.
     number = getattr(error, "errno", None)
     reason = os.strerror(number) if number else " ".join(str(error).split())
-    return RecordingError(path, "a file that can be written", reason, "free some space on the disk, or record elsewhere with --record")
+    full = number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+    hint = "free some space on the disk, or record elsewhere with --record" if full else "choose another place with --record or --out"
+    return RecordingError(path, "a file that can be written", reason, hint)
 
 
 __all__ = ["Block", "PackedColumn", "RecordingWriter", "unwritable"]

@@ -137,6 +137,11 @@ class SceneRecorder:
         return self._recorder.steps
 
     @property
+    def waited(self) -> float:
+        """How long ``append`` had to wait because the disk could not follow, s."""
+        return self._recorder.waited
+
+    @property
     def wants_deformation(self) -> bool:
         """True if the next step is one whose deformation is written: in others ``SceneState.moved`` may be left empty."""
         return self._recorder.steps % self._every == 0
@@ -209,7 +214,7 @@ class SceneRecorder:
         self._recorder.still(values)
 
     def flush(self) -> None:
-        """Put everything appended so far on disk."""
+        """Put everything appended so far on disk, and wait for it."""
         self._recorder.flush()
 
     def close(self, **attributes: Any) -> None:

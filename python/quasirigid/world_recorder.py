@@ -48,12 +48,17 @@ class WorldRecorder:
         state = self._scene.state(report, phase, moved=self._recorder.wants_deformation)
         self._recorder.append(state, None, report)
 
+    @property
+    def waited(self) -> float:
+        """How long ``append`` had to wait because the disk could not follow, s."""
+        return self._recorder.waited
+
     def flush(self) -> None:
-        """Put everything appended so far on disk."""
+        """Put everything appended so far on disk, and wait for it. Raises ``RecordingError`` if it cannot be written."""
         self._recorder.flush()
 
     def close(self) -> None:
-        """Write what is buffered and mark the recording as complete."""
+        """Write what is buffered and mark the recording as complete. Raises ``RecordingError`` if it cannot be written."""
         self._recorder.close()
 
     def __enter__(self) -> WorldRecorder:
@@ -74,7 +79,8 @@ def record(
 
     Call it when all bodies are in the world. Poses, contacts and forces are written at every ``append``, the deformation of the surfaces
     ``deformation_rate`` times per second of simulated time (infinity: at every ``append``). ``attributes`` are kept with the file.
-    A process that is killed leaves a file that can be read up to the last block of 100 steps.
+    A thread writes blocks of 100 steps while you go on. A process that is killed leaves a file that can be read up to the last block on disk.
+    Raises ``RecordingError`` where no file can be written; a disk that fills up later is told at the next ``append``, or by ``close``.
     """
     return WorldRecorder(world, path, deformation_rate=deformation_rate, attributes=attributes)
 
@@ -88,27 +94,42 @@ class LiveRecorder:
         self._recorder: SceneRecorder | None = None
         self.paths: list[Path] = []
         """The files written so far."""
+        self._waited = 0.0
+
+    @property
+    def waited(self) -> float:
+        """How long the simulation had to wait because the disk could not follow, s."""
+        return self._waited + (0.0 if self._recorder is None else self._recorder.waited)
+
+    def begin(self, play: Play) -> None:
+        """Begin a file for this grasp. Raises ``RecordingError`` where none can be written."""
+        self.close()
+        scene, count = play.scene, len(self.paths) + 1
+        path = self._path if count == 1 else self._path.with_stem(f"{self._path.stem}-{count}")
+        taken = play.grasp.taken
+        attributes = {"object": taken.name, "object_mass_kg": play.figures.mass, "friction": play.figures.friction}
+        joints = scene.state().joint_positions.shape
+        self._recorder = SceneRecorder(path, scene.model, (joints[0], joints[1]), attributes=attributes)
+        self.paths.append(path)
 
     def __call__(self, play: Play) -> None:
         """Record the grasp as it is now."""
         scene = play.scene
         if self._recorder is None or self._recorder.model is not scene.model:
-            self.close()
-            count = len(self.paths) + 1
-            path = self._path if count == 1 else self._path.with_stem(f"{self._path.stem}-{count}")
-            taken = play.grasp.taken
-            attributes = {"object": taken.name, "object_mass_kg": play.figures.mass, "friction": play.figures.friction}
-            joints = scene.state().joint_positions.shape
-            self._recorder = SceneRecorder(path, scene.model, (joints[0], joints[1]), attributes=attributes)
-            self.paths.append(path)
+            self.begin(play)
+            assert self._recorder is not None
         state = scene.state(play.report, play.phase, moved=self._recorder.wants_deformation)
         self._recorder.append(state, None, play.report)
 
     def close(self) -> None:
-        """Finish the file that is being written."""
+        """Finish the file that is being written; one without a step is taken away."""
         if self._recorder is not None:
-            self._recorder.close()
-            self._recorder = None
+            recorder, self._recorder = self._recorder, None
+            recorder.close()
+            self._waited += recorder.waited
+            if recorder.steps == 0:
+                recorder.path.unlink(missing_ok=True)
+                self.paths.remove(recorder.path)
 
 
 __all__ = ["LiveRecorder", "WorldRecorder", "record"]

@@ -1,6 +1,7 @@
 """The command line as a user meets it: results on standard output, errors in one line, exit codes."""
 
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -13,6 +14,7 @@ import pytest
 
 from quasirigid.cli import main
 from quasirigid.errors import QuasirigidError
+from quasirigid.quiet import quiet_fonts
 from quasirigid.recording import Recording
 from quasirigid.summary import PHASES
 
@@ -168,3 +170,34 @@ def test_interrupted_run_keeps_its_files(tmp_path: Path, number: int, code: int)
         assert recording.steps >= 100  # a block of the file at least
         assert not recording.complete
     assert json.loads((tmp_path / "summary.json").read_text())["interrupted"] is True
+
+
+def test_a_first_run_with_json_says_nothing_on_standard_error(tmp_path: Path) -> None:
+    # matplotlib makes its list of fonts anew, and would talk about it.
+    environment = {**os.environ, "MPLCONFIGDIR": str(tmp_path / "matplotlib")}
+    command = [
+        sys.executable,
+        "-m",
+        "quasirigid.cli",
+        "grasp",
+        "--points",
+        "2000",
+        "--hold",
+        "0.2",
+        "--json",
+        "--out",
+        str(tmp_path / "out"),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, env=environment, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout)["steps"] > 0
+
+
+def test_only_the_talk_about_fonts_is_left_out(caplog: pytest.LogCaptureFixture) -> None:
+    quiet_fonts()
+    log = logging.getLogger("matplotlib.font_manager")
+    log.warning("findfont: Font family ['cmr10'] not found. Falling back to DejaVu Sans.")
+    log.warning("Matplotlib is building the font cache; this may take a moment.")
+    log.warning("something else")
+    logging.getLogger("mine").warning("findfont: mine")
+    assert caplog.messages == ["something else", "findfont: mine"]

@@ -9,6 +9,7 @@ import sys
 import threading
 from collections import deque
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,12 +20,15 @@ from quasirigid.errors import InvalidValueError
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap.options import MocapOptions
 from quasirigid.mocap.pace import CATCH_UP, SLACK, Pace
-from quasirigid.mocap.session import run_mocap
+from quasirigid.mocap.session import MocapSession, run_mocap
+from quasirigid.mocap.springs import Springs
 from quasirigid.mocap.stream import TakeSource
 
 COARSE = GraspOptions(points=6000, dt=0.004)
 """A step that a busy machine can do in time."""
 TURN = math.radians(30.0)
+BUSY = 500.0
+"""A step that is so late, ms, says that the machine does something else."""
 
 
 class Clock:
@@ -39,7 +43,7 @@ class Clock:
         self.time = max(self.time, moment)
 
 
-def check_bar(summary: dict[str, object]) -> None:
+def check_bar(summary: dict[str, object], *, left: bool = False) -> None:
     """Lifted 10 cm, turned by 30 degrees, put down within 5 mm of where the hand put it; never dropped."""
     assert summary["held"], summary
     assert not summary["dropped"], summary
@@ -53,7 +57,7 @@ def check_bar(summary: dict[str, object]) -> None:
     # The take ends where it began, turned: the box stood at (0, 0, 0.04).
     assert np.linalg.norm(pose[:3] - [0.0, 0.0, 0.04]) < 0.005, pose[:3]
     turn = 2.0 * math.atan2(pose[6], pose[3])
-    assert abs(turn - TURN) < math.radians(3.0), f"turned by {math.degrees(turn):.2f} degrees"
+    assert abs((-turn if left else turn) - TURN) < math.radians(3.0), f"turned by {math.degrees(turn):.2f} degrees"
 
 
 @pytest.mark.parametrize("coupling", ["tips", "hand"])
@@ -64,22 +68,10 @@ def test_the_shipped_take_moves_the_box(coupling: str, tmp_path: Path) -> None:
     assert result.recording.exists()
 
 
-def test_the_replayed_take_moves_the_box_over_a_socket(tmp_path: Path) -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "quasirigid.cli",
-        "grasp",
-        "--mocap",
-        "dtrack:0",
-        "--bind",
-        "127.0.0.1",
-        "--points",
-        "6000",
-        "--dt",
-        "0.004",
-    ]
-    command += ["--idle", "2", "--json", "--out", str(tmp_path)]
+def over_a_socket(options: list[str], sent: list[str], out: Path) -> dict[str, Any]:
+    """Summary of a session of one process that hears the replay of another."""
+    command = [sys.executable, "-m", "quasirigid.cli", "grasp", "--mocap", "dtrack:0", "--bind", "127.0.0.1", "--points", "6000"]
+    command += ["--dt", "0.004", "--idle", "2", "--json", "--out", str(out), *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as session:
         watchdog = threading.Timer(100.0, session.kill)
         watchdog.start()
@@ -88,19 +80,43 @@ def test_the_replayed_take_moves_the_box_over_a_socket(tmp_path: Path) -> None:
             listening = session.stderr.readline()
             port = listening.split("127.0.0.1:")[1].split(";")[0]
             assert "waiting" in session.stderr.readline()
-            assert main(["mocap", "replay", "--to", f"127.0.0.1:{port}", "--source-port", "0"]) == 0
-            out, err = session.communicate()
+            assert main(["mocap", "replay", "--to", f"127.0.0.1:{port}", "--source-port", "0", *sent]) == 0
+            printed, err = session.communicate()
         finally:
             watchdog.cancel()
             session.kill()
     assert session.returncode == 0, err
-    summary = json.loads(out)
+    summary: dict[str, Any] = json.loads(printed)
+    return summary
+
+
+def test_the_replayed_take_moves_the_box_over_a_socket(tmp_path: Path) -> None:
+    summary = over_a_socket([], [], tmp_path)
     check_bar(summary)
     # A packet waits for the next step that is due after it, and as long as that step is late itself: on a busy machine that is its own doing.
     waits, late = summary["packet_to_step_ms"], summary["step_lateness_ms"]
     rate = 1.0 + max(0.0, 1e-3 * late["max"] - SLACK) / CATCH_UP
     assert waits["p99"] <= rate * 1e3 * summary["dt_s"] + 1.0 + late["max"], (waits, late)
     print(f"packet to step {waits}, steps late {late}, ms; {summary['slipped_s']:.2f} s behind")
+
+
+@pytest.mark.parametrize(
+    ("options", "sent"),
+    [
+        (["--coupling", "hand", "--hand", "left"], ["--hand", "left"]),
+        # Each fingertip as a body of `6d`: their numbers follow those of the bodies that there are, of which the take has none.
+        (["--bodies", "thumb=0,index=1,middle=2"], ["--bodies"]),
+    ],
+    ids=["left hand", "bodies"],
+)
+def test_other_hands_move_the_box_over_a_socket(options: list[str], sent: list[str], tmp_path: Path) -> None:
+    for _ in range(3):
+        summary = over_a_socket(options, sent, tmp_path)
+        if summary["step_lateness_ms"]["max"] < BUSY:
+            break
+    else:
+        pytest.skip(f"three times the machine was busy elsewhere for {BUSY:g} ms: this is about hands, not about that")
+    check_bar(summary, left="left" in sent)
 
 
 def test_a_packet_waits_for_one_step_at_most() -> None:
@@ -131,6 +147,31 @@ def test_a_slow_computer_shows_the_hand_late_but_never_in_jumps() -> None:
     assert abs(behind[-1] - (SLACK + CATCH_UP)) < 0.01, f"{behind[-1]} s behind: twice as fast keeps up with a computer half as fast"
 
 
+def test_who_asks_for_stiffer_springs_presses_harder(tmp_path: Path) -> None:
+    """The hand is 10 mm inside the box: the thumb's pad yields a little, the rest is the spring's."""
+
+    def thumb(**options: Any) -> float:
+        peaks = run_mocap(COARSE, MocapOptions(idle=0.3, **options), TakeSource(mocap.shipped_take()), tmp_path).summary["peak_force_n"]
+        return float(peaks[0])
+
+    usual, soft = thumb(), thumb(springs=Springs(stiffness=(300.0, 0.5)))
+    assert 0.4 < soft / usual < 0.7, (soft, usual)
+    firm, limp = thumb(coupling="hand"), thumb(coupling="hand", gains=(0.3, 1.0))
+    assert limp < 0.7 * firm, (limp, firm)
+
+
+def test_times_of_a_loss_and_the_delay_reach_the_filter() -> None:
+    """The middle finger is lost from 3.3 to 3.5 s."""
+    options = MocapOptions(delay=0.03, hold=0.05, fade=0.05)
+    session = MocapSession(COARSE, options, TakeSource(mocap.shipped_take()))
+    assert session.wait_for_hand()
+    session.run()
+    (loss,) = session.summary()["losses"]
+    assert loss["part"] == "middle"
+    assert loss["limp_s"] == pytest.approx(0.1, abs=0.03), "0.2 s without 0.05 s of hold and 0.05 s of fading"
+    assert session.summary()["filter_delay_s"] == pytest.approx(0.03)
+
+
 def test_an_object_that_nobody_holds_is_said_to_have_been_dropped(tmp_path: Path) -> None:
     slippery = GraspOptions(points=6000, dt=0.004, friction=0.02)
     summary = run_mocap(slippery, MocapOptions(idle=0.5), TakeSource(mocap.shipped_take()), tmp_path).summary
@@ -141,7 +182,7 @@ def test_an_object_that_nobody_holds_is_said_to_have_been_dropped(tmp_path: Path
 def test_a_finger_that_is_lost_is_caught_again_where_it_is() -> None:
     from quasirigid.mocap.springs import Offset
 
-    offset = Offset(2)
+    offset = Offset((2, 0.5))
     stretch = np.array([0.03, -0.01])
     offset.update(0.0, None, 1e-3)
     energy, worst = 0.0, 0.0
@@ -150,8 +191,13 @@ def test_a_finger_that_is_lost_is_caught_again_where_it_is() -> None:
         energy = float(weight * np.sum((stretch + offset.value) ** 2))
         worst = max(worst, energy)
     assert worst < 1e-12, f"the spring holds {worst} of k m^2 that nobody has put in"
-    offset.update(1.0, None, 1.0)
-    assert np.abs(offset.value).max() < 1e-4
+    fastest = 0.0
+    for _ in range(1500):
+        before = offset.value
+        offset.update(1.0, None, 1e-3)
+        fastest = max(fastest, float(np.linalg.norm(offset.value - before)) / 1e-3)
+    assert fastest < 0.5, f"taken back at {fastest} m/s"
+    assert offset.zero
 
 
 def test_a_finger_comes_as_near_as_it_can() -> None:
@@ -176,6 +222,20 @@ def test_command_line_says_what_it_does_not_understand(capsys: pytest.CaptureFix
         (["--mocap", "take", "--coupling", "glue"], "tips or hand"),
         (["--mocap", "take", "--hand", "third"], "left or right"),
         (["--mocap", "take", "--idle", "-1"], "idle"),
+        (["--hand", "left"], "add --mocap"),
+        (["--place", "0,0.7,-0.4"], "add --mocap"),
+        (["--mocap", "take", "--spring", "-600"], "--spring: expected a finite number >= 0 (N/m)"),
+        (["--mocap", "take", "--spring-rotation", "nan"], "--spring-rotation"),
+        (["--mocap", "take", "--damping", "inf"], "--damping"),
+        (["--mocap", "take", "--damping-rotation", "-1"], "(N m s/rad)"),
+        (["--mocap", "take", "--coupling", "hand", "--spring", "600"], "--coupling tips"),
+        (["--mocap", "take", "--joint-stiffness", "2"], "--coupling hand"),
+        (["--mocap", "take", "--coupling", "hand", "--joint-damping", "-2"], "--joint-damping"),
+        (["--mocap", "take", "--delay", "2"], "--delay: expected a number from 0 to 1 (s)"),
+        (["--mocap", "take", "--loss-hold", "nan"], "--loss-hold"),
+        (["--mocap", "take", "--loss-fade", "-0.1"], "--loss-fade"),
+        (["--mocap", "take", "--feedback", "ws:99999"], "ws:9001"),
+        (["--mocap", "take", "--bodies", "toe=1"], "thumb=0"),
     ):
         assert main(["grasp", *arguments, "--out", str(tmp_path)]) == 2
         said = capsys.readouterr().err

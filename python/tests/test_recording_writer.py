@@ -54,11 +54,13 @@ def test_chunks_made_here_are_what_hdf5_expects(kind: str, shape: tuple[int, ...
 
 def test_values_are_rounded_to_the_resolution_and_say_so(tmp_path: Path) -> None:
     path, exact = tmp_path / "r.h5", np.random.default_rng(1).normal(scale=1e-3, size=(500, 3))
+    exact[0] = -1e-12
     with Recorder(path, [Column("time"), Column("g/x", (3,), "f4", "m", ragged=True, resolution=2.0**-30)]) as recorder:
         recorder.append({"time": 0.0, "g/x": exact})
     with Recording(path) as recording:
         back = recording["g/x"]
     np.testing.assert_array_equal(back, (np.round(exact.astype("f4").astype(float) * 2.0**30) * 2.0**-30).astype("f4"))
+    assert not np.signbit(back[back == 0.0]).any(), "no -0"
     assert np.abs(back - exact).max() <= 2.0**-31 + np.spacing(np.abs(back).max()) / 2
     with h5py.File(path) as file:
         assert file["g/x"].attrs["resolution"] == 2.0**-30

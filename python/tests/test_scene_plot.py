@@ -7,8 +7,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from quasirigid._quasirigid import Hand, HandModel, World
-from quasirigid.grasp import run_grasp
 from quasirigid.grasp_options import GraspOptions
+from quasirigid.grasp_run import run_grasp
 from quasirigid.recording import Recording
 from quasirigid.scene_plot import HEIGHT, WIDTH, save_scene, scene, view_of
 from quasirigid.scene_shot import read_shot

@@ -8,7 +8,9 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,19 +18,25 @@ import pytest
 import trimesh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from viser._messages import FileTransferPart, FileTransferStartUpload
 
 import quasirigid as qr
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.objects.sampling import sample_mesh
 from quasirigid.summary import rotate
 from quasirigid.view import words
-from quasirigid.view.meshes import SAGITTA, mirrored, tapered_capsule, thinned, triangulate
+from quasirigid.view.meshes import SAGITTA, in_drawing_order, is_convex, mirrored, tapered_capsule, thinned, triangulate
+from quasirigid.view.parts import OUT_OF_SIGHT, Joined, LinePool, PatchPool
 from quasirigid.view.play import BASE_SPEED, Play
-from quasirigid.view.pressure import STICK, Scale, nice_above, patch_of, pressure_at
+from quasirigid.view.pressure import STICK, Scale, matrix_of, nice_above, patch_of, pressure_at
+from quasirigid.view.scene import Moved
 from quasirigid.view.session import Session
-from quasirigid.view.stage import free_port
+from quasirigid.view.stage import close_server, free_port, open_server
 from quasirigid.view.tactile import HEADING, SIDE, Tactile
 from quasirigid.view.things import LARGEST_UPLOAD, SHAPES, built_in, from_upload
+from quasirigid.view.unlit import unlit_glb
+from quasirigid.view.uploads import UploadGate
+from quasirigid.world_recorder import LiveRecorder
 
 OPTIONS = GraspOptions(points=4_000)
 
@@ -85,6 +93,127 @@ def test_round_shapes_are_closed_and_enclose_their_volume_with_fewer_triangles_t
     assert len(few[0]) < 0.8 * len(surface.points)
     # A shell of the thickness that is promised is the most that may be missing.
     assert abs(mesh.volume - coarse.volume) < SAGITTA * mesh.area, (mesh.volume, coarse.volume)
+
+
+@settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck))
+@given(size=st.tuples(*[st.floats(0.01, 0.2)] * 3), n=st.integers(2000, 8000))
+def test_of_a_box_the_corners_are_enough(size: tuple[float, float, float], n: int) -> None:
+    surface = qr.Surface.box(size, points=n)
+    few = thinned(surface.points, surface.normals)
+    assert few is not None
+    kept, faces = few
+    mesh = enclosed(surface.points[kept], faces)
+    assert mesh.is_watertight
+    assert len(kept) < 0.05 * n, len(kept)
+    # Convex: how deep a point is, is its distance to the nearest of the planes.
+    broad = mesh.area_faces > 1e-6 * mesh.area  # the hull of points in a row has triangles without area, which have no plane
+    normals, corners = mesh.face_normals[broad], mesh.triangles[broad, 0]
+    depth = -(normals @ surface.points.T - np.einsum("ij,ij->i", normals, corners)[:, None]).max(axis=0)
+    assert depth.max() <= SAGITTA * (1 + 1e-9), depth.max()
+    assert depth.min() > -1e-7, depth.min()
+
+
+@pytest.mark.parametrize("n", [300, 3000])
+def test_the_drawing_order_has_the_same_triangles_and_computes_few_vertices_twice(n: int) -> None:
+    surface = qr.Surface.sphere(0.03, points=n)
+    faces = triangulate(surface.points, surface.normals)
+    ordered = in_drawing_order(faces, n)
+    assert sorted(map(tuple, ordered.tolist())) == sorted(map(tuple, faces.tolist()))
+    recent: list[int] = []
+    computed = 0
+    for vertex in ordered.ravel().tolist():
+        if vertex not in recent:
+            computed += 1
+            recent = [vertex, *recent[:31]]
+    assert computed < 0.85 * len(faces), computed / len(faces)  # in the order of the hull nearly three for each triangle
+    assert len(in_drawing_order(np.zeros((0, 3), np.int64), n)) == 0
+
+
+def test_a_body_with_dents_is_told_from_one_without() -> None:
+    torus = trimesh.creation.torus(0.04, 0.015)
+    assert not is_convex(np.asarray(torus.vertices), np.asarray(torus.faces))
+    for surface in (qr.Surface.box((0.06, 0.06, 0.08), points=3000), qr.Surface.sphere(0.03, points=1000)):
+        assert is_convex(surface.points, triangulate(surface.points, surface.normals))
+
+
+class Recorder:
+    """Stands for a server: keeps what nodes were made with and what was assigned to them."""
+
+    def __init__(self) -> None:
+        self.scene = self
+        self.made: list[Any] = []
+
+    def __getattr__(self, name: str) -> Any:
+        def make(_path: str, *given: Any, **named: Any) -> Any:
+            self.made.append(SimpleNamespace(kind=name, given=[np.array(g) for g in given], visible=True, **named))
+            return self.made[-1]
+
+        return make
+
+
+def test_joined_bodies_are_where_their_poses_and_the_deformed_points_say() -> None:
+    rng = np.random.default_rng(5)
+    tip = qr.Surface.fingertip((0.009, 0.009, 0.008))
+    faces = triangulate(tip.points, tip.normals)
+    server: Any = Recorder()
+    group = Joined(server, "/pads", [(2, tip.points, faces), (0, tip.points, faces)], (1.0, 1.0, 1.0))
+    quaternions = rng.normal(size=(3, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
+    positions = rng.normal(size=(3, 3))
+    moved = Moved(np.array([3, 5, 8]), tip.points[[3, 5, 8]] * 0.9)
+    group.deform(0, moved)
+    assert group.place(positions, matrix_of(quaternions), np.zeros(3, bool))
+    assert not group.place(positions, matrix_of(quaternions), np.zeros(3, bool))  # nothing has changed
+    yielded = tip.points.copy()
+    yielded[moved.indices] = moved.points
+    for part, (body, points) in enumerate([(2, yielded), (0, tip.points)]):
+        wanted = rotate(quaternions[body], points) + positions[body]
+        off = np.abs(group.handle.vertices[group.rows[part]] - wanted).max()
+        assert off < 1e-6, off
+    # Triangles are those of the surface.
+    drawn = server.made[0].given[1]
+    back = np.argsort(group.rows[0])
+    assert sorted(map(tuple, back[drawn[: len(faces)]].tolist())) == sorted(map(tuple, faces.tolist()))
+
+
+def test_coloured_points_move_without_new_colours() -> None:
+    server: Any = Recorder()
+    pool = PatchPool(server, "/patches", 1e-3)
+    table = np.arange(12, dtype=np.uint8).reshape(4, 3)
+    rng = np.random.default_rng(3)
+    for n in (10, 12, 0, 9):
+        levels, points = rng.integers(0, 4, n), rng.normal(size=(n, 3)).astype(np.float32)
+        pool.arrange(levels, table)
+        pool.move(points)
+        cloud = server.made[-1]
+        places = getattr(cloud, "points", cloud.given[0])
+        seen = (places != np.float32(OUT_OF_SIGHT)).any(axis=1)
+        shown = sorted((*p, *c) for p, c in zip(places[seen].tolist(), cloud.given[1][seen].tolist(), strict=True))
+        assert shown == sorted((*p, *c) for p, c in zip(points.tolist(), table[levels].tolist(), strict=True))
+    assert len(server.made) == 1
+    pool.arrange(np.zeros(100, np.int64), table)
+    pool.move(np.ones((100, 3), np.float32))
+    assert len(server.made) == 2  # more of one colour than there was room for
+
+
+def test_lines_keep_little_room() -> None:
+    server: Any = Recorder()
+    pool = LinePool(server, "/lines", 1.0)
+    for n, room in ((100, 128), (120, 128), (3, 16), (0, 16)):
+        pool.show(np.ones((n, 2, 3)), np.zeros((n, 3), np.uint8))
+        assert len(server.made[-1].given[0]) == room
+    assert not server.made[-1].visible
+
+
+def test_flat_colour_is_a_file_that_others_read() -> None:
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.5]])
+    file = unlit_glb(points, np.array([[0, 1, 2], [0, 2, 3]]), np.array([0.2, 0.4, 0.6], np.float32))
+    mesh = trimesh.load(BytesIO(file), file_type="glb", force="mesh")
+    assert mesh.area == pytest.approx(trimesh.Trimesh(points, [[0, 1, 2], [0, 2, 3]]).area)
+    assert np.abs(mesh.bounds - [[0, 0, 0], [1, 1, 0.5]]).max() < 1e-6
+    lines = unlit_glb(points, np.array([[0, 1], [2, 3], [1, 2]]), np.ones((4, 4), np.float32), see_through=True)
+    paths = trimesh.load(BytesIO(lines), file_type="glb")
+    assert sum(path.length for path in paths.geometry.values()) == pytest.approx(1.0 + np.sqrt(1.25) + 1.0)
 
 
 def test_a_surface_that_is_not_seen_from_within_is_triangulated_by_its_cocone() -> None:
@@ -262,6 +391,41 @@ def test_a_refused_command_is_a_complaint_and_the_session_lives_on(session: Sess
     wait_for(lambda: session.newest()[1].state.step == 1, "a step after all")
 
 
+def test_a_recorder_that_fails_is_a_complaint_and_the_session_lives_on(session: Session) -> None:
+    calls = []
+
+    def full(_: Play) -> None:
+        calls.append(1)
+        raise qr.RecordingError("live.h5", "a file that can be written", "No space left on device", "free some space")
+
+    session.observe(full)
+    session.run(True)
+    assert "No space left" in session.complaints.get(timeout=10)
+    wait_for(lambda: session.newest()[1].state.step > 20, "steps after all")
+    assert len(calls) == 1
+
+
+def test_what_happens_live_is_recorded_and_a_reset_begins_another_file(tmp_path: Path) -> None:
+    play, recorder = Play(OPTIONS), LiveRecorder(tmp_path / "live.h5")
+    recorder.begin(play)
+    for steps in (130, 20):
+        for _ in range(steps):
+            play.step()
+            recorder(play)
+        last = play.state().positions
+        play.build()
+    recorder.begin(play)  # nothing comes of it
+    recorder.close()
+    assert [path.name for path in recorder.paths] == ["live.h5", "live-2.h5"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["live-2.h5", "live.h5"]
+    assert recorder.waited == 0.0
+    for name, steps in (("live.h5", 130), ("live-2.h5", 20)):
+        with qr.SceneRecording(tmp_path / name) as back:
+            assert (len(back), back.columns.complete) == (steps, True)
+    with qr.SceneRecording(tmp_path / "live-2.h5") as back:
+        np.testing.assert_array_equal(back.state(-1).positions, last)
+
+
 @pytest.mark.parametrize("name", SHAPES)
 def test_built_in_shapes_can_be_held(name: str) -> None:
     play = Play(OPTIONS, lambda options, friction, _: built_in(name, options, friction))
@@ -284,6 +448,40 @@ def test_uploads_are_refused_for_what_is_wrong_with_them() -> None:
         from_upload("notes.docx", b"hello", OPTIONS, 0.7, 600.0)
     with pytest.raises(qr.QuasirigidError):
         from_upload("../../etc/egg.stl", b"solid nothing", OPTIONS, 0.7, 600.0)
+
+
+def test_uploads_that_are_too_large_are_refused_when_they_are_announced() -> None:
+    server = open_server("127.0.0.1", 8440, "test")
+    told: list[str] = []
+    try:
+        UploadGate(server, 1000, told.append)
+        button = server.gui.add_upload_button("Load")
+        link, waiting = server.gui._websock_interface, server.gui._current_file_upload_states
+
+        def send(message: Any) -> None:
+            for handler in link._incoming_handlers[type(message)]:
+                handler(0, message)
+
+        def announce(name: str, size: int, parts: int = 2) -> None:
+            send(FileTransferStartUpload(button._impl.uuid, name, f"{name}.stl", "", parts, size))
+
+        announce("large", 1001)
+        assert told.pop().startswith("large.stl: expected at most 0 MB")
+        send(FileTransferPart(button._impl.uuid, "large", 0, b"0" * 500))
+        assert waiting == {}, "its parts are dropped"
+        for name in ("a", "b", "c"):
+            announce(name, 1000)
+        announce("d", 1000)
+        assert "d.stl" in told.pop()
+        assert set(waiting) == {"a", "b", "c"}
+        send(FileTransferPart(button._impl.uuid, "a", 0, b"0" * 1001))
+        assert "a" not in waiting, "it was to be of 1000 bytes"
+        send(FileTransferPart(button._impl.uuid, "b", 0, b"0" * 600))
+        send(FileTransferPart(button._impl.uuid, "b", 1, b"1" * 400))
+        assert button.value.content == b"0" * 600 + b"1" * 400, "a file of the size that was said arrives"
+        assert told == []
+    finally:
+        close_server(server)
 
 
 def test_the_next_free_port_is_taken_and_a_strange_host_is_refused() -> None:

@@ -17,7 +17,8 @@ from quasirigid.summary import rotate
 from quasirigid.view.play import Play
 from quasirigid.view.server import LiveView
 from quasirigid.view.session import Frame
-from quasirigid.view.touch import BASE_SCALE
+from quasirigid.view.things import LARGEST_UPLOAD
+from quasirigid.view.touch import BASE_SCALE, FINGER_SCALE
 
 SHOTS = os.environ.get("QUASIRIGID_SCREENSHOTS")
 """A directory: pictures of the page are left there."""
@@ -177,6 +178,57 @@ def test_dragging_the_base_carries_the_held_box_along(live: LiveView, page: Any)
     keep(page, "carried")
 
 
+def test_dragging_a_fingertip_moves_its_joints_and_close_gives_it_back(live: LiveView, page: Any) -> None:
+    press(page, "Run")
+    wait_until(lambda: frame(live).state.phase == "holding", "the grip holds")
+    page.get_by_role("tab", name="View").click()
+    page.get_by_label("Handles of the fingertips").check()
+    thumb, hand = 0, live.session._play.hand
+    assert live._touch is not None
+    gizmo = live._touch._fingers[thumb]
+    wait_until(lambda: gizmo.visible and np.linalg.norm(gizmo.position - frame(live).finger_aims[thumb]) < 0.05, "the handle is at the pad")
+    page.wait_for_timeout(1500)
+    targets, force = hand.joint_targets.copy(), frame(live).state.normal_forces.copy()
+    assert force[thumb] > 1.0
+    aim = frame(live).finger_aims[thumb].copy()
+    axis = np.array([1.0, 0.0, 0.0])  # the thumb is at -x and presses towards +x
+    for _ in range(5):  # a page that draws two frames a second may not have seen the pointer arrive
+        origin = np.array(gizmo.position)
+        start, end = (on_screen(live, page, origin + x * axis) for x in (0.8 * FINGER_SCALE, 0.8 * FINGER_SCALE - 0.02))
+        drag(page, start, end, pause=0.8)
+        page.wait_for_timeout(1000)
+        if aim[0] - frame(live).finger_aims[thumb][0] > 0.008:
+            break
+    keep(page, "fingertip")
+    wait_until(lambda: frame(live).state.phase == "fingers by hand", "the grip has let go")
+    moved = np.abs(hand.joint_targets - targets).max(axis=1)
+    assert moved[thumb] > 0.05, moved
+    wait_until(lambda: frame(live).state.normal_forces[thumb] < 0.5 * force[thumb], "the thumb lets go")
+    assert np.linalg.norm(frame(live).finger_aims[thumb] - aim) > 0.008
+    page.get_by_role("tab", name="Control").click()
+    press(page, "Close")
+    wait_until(lambda: frame(live).state.phase == "holding", "the grip has it again")
+    wait_until(lambda: frame(live).state.normal_forces[thumb] > 0.7 * force[thumb], "the thumb presses again")
+
+
+def test_what_a_person_flings_away_reset_brings_back(live: LiveView, page: Any) -> None:
+    press(page, "Run")
+    wait_until(lambda: frame(live).state.phase == "holding", "the grip holds")
+    live.session.do(lambda play: play.pull(np.zeros(3), np.array([3.0, 3.0, 3.0])))
+    wait_until(lambda: "out of reach: press Reset" in page.content(), "the page says what to press")
+    keep(page, "flung")
+    live.session.do(lambda play: play.pull(None, None))
+    # A fingertip through the box, or where it was.
+    live.session.do(lambda play: play.aim_finger(0, np.array([0.2, 0.0, 0.04])))
+    page.wait_for_timeout(1500)
+    assert np.isfinite(frame(live).state.positions).all()
+    press(page, "Reset")
+    wait_until(lambda: frame(live).state.time == 0.0, "Reset")
+    assert height(live) == pytest.approx(0.04, abs=1e-9)
+    press(page, "Run")
+    wait_until(lambda: frame(live).state.phase == "holding", "and it can be taken again")
+
+
 def test_the_box_can_be_pulled_with_the_mouse(live: LiveView, page: Any) -> None:
     press(page, "Open")
     press(page, "Run")
@@ -208,6 +260,12 @@ def test_an_uploaded_mesh_appears_and_a_bad_file_is_refused_in_the_page(live: Li
     chooser.set_input_files(str(bad))
     wait_until(lambda: "bad.obj" in page.content(), "the error is in the page")
     assert frame(live).model.bodies[body(live, "object")].name == "box"
+    large = tmp_path / "large.stl"
+    large.write_bytes(b"0" * (LARGEST_UPLOAD + 1))
+    chooser.set_input_files(str(large))
+    wait_until(lambda: "large.stl: expected at most 20 MB" in page.content(), "the file is refused in the page")
+    assert live.server.gui._current_file_upload_states == {}, "nothing of it is kept"
+    wait_until(lambda: page.get_by_role("button", name="Load a file").is_enabled(), "the button waits for another file")
     chooser.set_input_files(str(good))
     wait_until(lambda: frame(live).model.bodies[body(live, "object")].name == "egg", "the egg is in the scene")
     page.wait_for_timeout(1500)
@@ -257,7 +315,6 @@ def test_pads_in_the_page_are_deformed_as_in_the_engine_to_a_hundredth_of_a_mill
     assert live._drawing is not None
     assert live._drawing._pads is not None
     rows = live._drawing._pads.rows
-    assert len(pads) == sum(len(model.bodies[tip].points) for tip in model.fingertips())
     for finger, tip in enumerate(model.fingertips()):
         rest = rotate(state.quaternions[tip], model.bodies[tip].points) + state.positions[tip]
         shown = pads[rows[finger]]

@@ -22,22 +22,22 @@ window.xrDevice = (open, closed, side = 'right') => {
   window.resting = device.hands[other];
 };
 
-// keys: [seconds, x, y, z, pinch], room; between them the hand moves with minimum jerk. A busy machine draws few frames: there the motion is
-// slower, not coarser, and goes on only when the page has sent where the hand is.
+// keys: [seconds, x, y, z, pinch], room; between them the hand moves with minimum jerk, in the time of the simulation that the page shows. A busy
+// machine draws few frames and simulates slowly: there the motion is slower, not coarser.
 const LONGEST = 0.03; // s between two frames
 
-window.xrGap = 0; // the longest time without a hand that was sent, s
+window.xrGap = 0; // the longest time between two places of the hand, s
 window.xrMove = (keys) => {
   let t = 0;
-  let before = performance.now();
+  let before = quasirigid.status.time;
   let sent = -1;
   window.xrDone = false;
   const step = () => {
-    if (quasirigid.status.sent !== sent) {
+    const now = quasirigid.status.time;
+    if (quasirigid.status.sent !== sent && now > before) {
       sent = quasirigid.status.sent;
-      const now = performance.now();
-      t = Math.min(t + Math.min((now - before) / 1000, LONGEST), keys.at(-1)[0]);
-      window.xrGap = Math.max(window.xrGap, (now - before) / 1000);
+      t = Math.min(t + Math.min(now - before, LONGEST), keys.at(-1)[0]);
+      window.xrGap = Math.max(window.xrGap, now - before);
       before = now;
       const next = Math.max(1, keys.findIndex((key) => key[0] >= t));
       const [a, b] = [keys[next - 1], keys[next]];

@@ -28,7 +28,7 @@ def contents(take: Take) -> dict[str, Any]:
         "bytes_per_packet": statistics["bytes"] / len(packets),
         "hands": _hands(packets, start),
         "bodies": _bodies(packets, start),
-        "other": _other(packets),
+        "other": other_targets(packets),
         "notes": take.notes,
     }
 
@@ -75,7 +75,7 @@ def _bodies(packets: Sequence[Packet], start: float) -> list[dict[str, Any]]:
     return bodies
 
 
-def _other(packets: Sequence[Packet]) -> dict[str, int]:
+def other_targets(packets: Sequence[Packet]) -> dict[str, int]:
     """Most of each other kind of target in one packet."""
     most: dict[str, int] = {}
     for packet in packets:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from quasirigid._quasirigid import Body, Hand, HandModel, HandTargets, MassProperties, Material, Surface, World
 from quasirigid.errors import InvalidValueError
 from quasirigid.mocap import PARTS
-from quasirigid.mocap.springs import Offset, Springs
+from quasirigid.mocap.springs import FASTEST, Offset, Springs
 from quasirigid.mocap.turns import cross, minus_z, product, quaternion, rotation_vector
 from quasirigid.summary import conjugate
 
@@ -89,7 +89,7 @@ class TipCoupling:
         ]
         for body in self._bodies:
             body.apply_wrench(-PAD_MASS * world.gravity)
-        self._offsets = [Offset(6) for _ in self.rows]
+        self._offsets = [Offset((3, FASTEST[0]), (3, FASTEST[1])) for _ in self.rows]
 
     @property
     def pads(self) -> list[Body]:

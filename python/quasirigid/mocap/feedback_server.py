@@ -136,7 +136,11 @@ class WebsocketFeedback:
             del self._listeners[connection]
 
     async def _send(self, connection: ServerConnection, news: asyncio.Event) -> None:
+        known: str | None = None
         while True:
             await news.wait()
             news.clear()
-            await connection.send(self._newest)
+            newest = self._newest
+            if newest is not known:  # it may have been sent while the news of it were on their way
+                known = newest
+                await connection.send(newest)

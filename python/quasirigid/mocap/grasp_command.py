@@ -29,6 +29,9 @@ from quasirigid.webxr.pages import LOCAL
 if TYPE_CHECKING:
     from quasirigid.view.apart import PageApart
 
+MOST_LOSSES = 4
+"""Shown of the losses of fingers."""
+
 
 def grasp_mocap(
     options: GraspOptions,
@@ -169,6 +172,11 @@ def _panel(result: MocapResult) -> Panel:
         table.add_row("pressed", f"{peaks} N at most")
         moved = f"lifted {1e3 * s['lifted_m']:.0f} mm, turned {57.29578 * s['turned_rad']:.0f} degrees, carried {s['carried_s']:.1f} s"
         table.add_row("moved", moved)
+    for loss in s["losses"][:MOST_LOSSES]:
+        limp = f", limp for {loss['limp_s']:.1f} s" if loss["limp_s"] else ", held"
+        table.add_row("not seen", f"{loss['part']}, {loss['start']:.1f} to {loss['end']:.1f} s{limp}")
+    if len(s["losses"]) > MOST_LOSSES:
+        table.add_row("", f"and {len(s['losses']) - MOST_LOSSES} times more")
     if s.get("place_error_m") is not None:
         table.add_row("put down", f"{1e3 * s['place_error_m']:.1f} mm from where the hand put it")
     if s.get("packet_to_step_ms"):
@@ -185,7 +193,10 @@ def _panel(result: MocapResult) -> Panel:
     verdict = (
         "[bold green]held[/bold green]" if s["held"] else "[bold red]dropped[/bold red]" if s["dropped"] else "[bold]not lifted[/bold]"
     )
-    where = f"[dim]summary and recording in[/dim] {escape(str(result.summary_file.parent))}"
+    if not s["fingers"]:
+        of = "thumb, index, middle finger and palm" if s["coupling"] == "hand" else "a finger"
+        notes.append(f"[yellow]note[/yellow] the session begins when the tracker sees {of}; `quasirigid mocap monitor` shows what comes")
+    where = f"[dim]summary{'' if result.recording is None else ' and recording'} in[/dim] {escape(str(result.summary_file.parent))}"
     colour = "green" if s["held"] else "red" if s["dropped"] else "yellow"
     return Panel(Group(verdict, "", table, "", *notes, where), title="grasp", title_align="left", border_style=colour, expand=False)
 

@@ -8,15 +8,17 @@ import numpy.typing as npt
 from quasirigid._quasirigid import Body, Hand, HandModel, HandTargets, Material, World
 from quasirigid.errors import InvalidValueError
 from quasirigid.mocap.coupling import PAD_CONTROL_POINTS, PAD_POINTS, PALM, pad_places
-from quasirigid.mocap.springs import OFFSET_FADES, OFFSET_GONE, Offset
+from quasirigid.mocap.springs import FASTEST, Offset, fading
 from quasirigid.mocap.turns import matrix, product, quaternion, rotation_vector
 from quasirigid.summary import conjugate
 
 FloatArray = npt.NDArray[np.float64]
 BASE_IN_PALM = (0.014, -0.012, 0.018)
 """Origin of the three-finger hand in the palm frame of a right hand, m: between the fingers, over the knuckles; axes as the palm's."""
-FASTEST = (0.5, 3.0)
-"""With which a base is taken, at most, to a palm that was lost and is seen elsewhere, m/s and rad/s: what it holds comes along."""
+ITERATIONS, SEARCH = 12, 200
+"""Of inverse kinematics from the posture of the step before, and from a half-closed finger."""
+JOINT_FASTEST = 8.0
+"""With which joint targets move at most, rad/s in all joints of a finger together: where inverse kinematics finds another posture, it is not jumped to."""
 
 
 class Base:
@@ -35,10 +37,8 @@ class Base:
             if self._weight == 0.0:
                 self._away = np.concatenate([self.place - place, rotation_vector(product(self.turn, conjugate(turn)))])
             elif self._away.any():
-                # Exponentially, but no faster than the limit.
-                for part, fastest in zip((self._away[:3], self._away[3:]), FASTEST, strict=True):
-                    size = float(np.linalg.norm(part))
-                    part *= 1.0 - min(dt / OFFSET_FADES, fastest * dt / max(size, 1e-12)) if size > OFFSET_GONE else 0.0
+                self._away[:3] += dt * fading(self._away[:3], FASTEST[0])
+                self._away[3:] += dt * fading(self._away[3:], FASTEST[1])
             self.place, self.turn = place + self._away[:3], product(quaternion(self._away[3:]), turn)
         self._weight = weight
 
@@ -74,10 +74,13 @@ class HandCoupling:
         self.fingers = tuple(model.finger_names)
         # Searched from half-closed: a stretched finger cannot tell which way to bend.
         middle = 0.5 * (model.lower_limits + model.upper_limits)
-        self._aims = self._reach(targets, middle, iterations=200)
+        self._middle = middle
+        self._found = self._reach(targets, middle, iterations=SEARCH)
+        self._aims = self._found.copy()
+        """Joint targets, and the postures that inverse kinematics has found, (fingers, joints) rad."""
         self._hand.joint_positions = self._aims
         self._hand.joint_targets = self._aims
-        self._offsets = [Offset(self._aims.shape[1]) for _ in self.rows]
+        self._offsets = [Offset((self._aims.shape[1], JOINT_FASTEST)) for _ in self.rows]
 
     @property
     def pads(self) -> list[Body]:
@@ -99,7 +102,7 @@ class HandCoupling:
         turn = targets.quaternions[PALM]
         return targets.positions[PALM] + matrix(turn) @ self._base_in_palm, turn
 
-    def _reach(self, targets: HandTargets, start: FloatArray, iterations: int = 12) -> FloatArray:
+    def _reach(self, targets: HandTargets, start: FloatArray, iterations: int) -> FloatArray:
         apex, facing = pad_places(targets)
         rows, to_world = list(self.rows), matrix(self._base.turn)
         places, ways = (apex[rows] - self._base.place) @ to_world, facing[rows] @ to_world
@@ -108,12 +111,19 @@ class HandCoupling:
         """How far the fingers fall short of the tracked tips, m: beyond their reach or their joint limits."""
         return np.stack([joints for joints, _ in found])
 
-    def follow(self, targets: HandTargets, rate: float = 1.0) -> None:  # noqa: ARG002  # joint controllers aim at places, not velocities
+    def follow(self, targets: HandTargets, rate: float = 1.0) -> None:
         """Aim at these targets in the next step. Fingers that the tracker has lost go limp; the base stays where the palm was lost."""
         self._base.follow(*self._wanted(targets), float(targets.weights[PALM]), self._dt)
         self._hand.move_to(self._base.place, self._base.turn)
-        self._aims = self._reach(targets, self._aims)
         weights = targets.weights[list(self.rows)]
+        back = [f for f, offset in enumerate(self._offsets) if offset.weight == 0.0 < weights[f]]
+        if back:
+            # Seen again, perhaps far away: the posture of before may lead astray.
+            self._found[back] = self._middle[back]
+        self._found = self._reach(targets, self._found, iterations=SEARCH if back else ITERATIONS)
+        way = self._found - self._aims
+        length = np.linalg.norm(way, axis=1, keepdims=True)
+        self._aims = self._aims + way * np.minimum(1.0, rate * JOINT_FASTEST * self._dt / np.maximum(length, 1e-12))
         if weights.min() == 1.0 and all(offset.zero and offset.weight == 1.0 for offset in self._offsets):
             self._hand.joint_targets = self._aims
             return

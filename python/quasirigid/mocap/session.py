@@ -24,6 +24,7 @@ from quasirigid.mocap import PARTS
 from quasirigid.mocap.coupling import PALM, Coupling, TipCoupling, pad_places
 from quasirigid.mocap.hand_coupling import HandCoupling
 from quasirigid.mocap.look import Look, Observer, Viewer
+from quasirigid.mocap.losses import Losses
 from quasirigid.mocap.options import MocapOptions
 from quasirigid.mocap.outcome import Outcome
 from quasirigid.mocap.pace import Pace, undisturbed
@@ -74,6 +75,7 @@ class MocapSession:
         self.coupling: Coupling | None = None
         self.pace: Pace | None = None
         self.outcome: Outcome | None = None
+        self.losses = Losses()
         self.observers: list[Observer] = []
         self.step_times: list[float] = []
         self.unconverged = 0
@@ -185,7 +187,8 @@ class MocapSession:
             self.viewer.draw(replace(state, tracked=self._tracked(targets)))
         sums = contact_sums(state.contacts, 0, self._finger_of, len(self.coupling.fingers))
         support = _between(state, 0, 1) + _between(state, 0, 2)
-        self.outcome.update(state.time, self._object_pose(), sums["hand/normal_force"], support, _guide(targets))
+        self.losses.update(state.time, targets, self.source.now() - self._last_arrival)
+        self.outcome.update(state.time, self._object_pose(), sums["hand/normal_force"], support, _guide(targets, list(self.coupling.rows)))
         if recorder is not None:
             rows = list(self.coupling.rows)
             row = {"object/pose": self._object_pose(), "tracker/position": targets.positions[rows], "tracker/weight": targets.weights[rows]}
@@ -243,6 +246,7 @@ class MocapSession:
             "coupling": self.mocap.coupling,
             "hand": self.side,
             **(self.outcome.summary() if self.outcome is not None else {"held": False, "dropped": False, "phases": [], "fingers": []}),
+            "losses": self.losses.summary(),
             "steps": steps,
             "dt_s": self.options.dt,
             "step_ms_median": float(np.median(ms)) if steps else None,
@@ -262,10 +266,13 @@ def _seen(targets: HandTargets) -> npt.NDArray[np.bool_]:
     return np.asarray(np.isfinite(targets.positions).all(axis=1))
 
 
-def _guide(targets: HandTargets) -> FloatArray:
-    """Where the tracked hand is, (7,): the palm, or the middle of thumb and first finger where there is no palm."""
-    row = PALM if np.isfinite(targets.positions[PALM]).all() else int(_seen(targets).argmax())
-    return np.concatenate([targets.positions[row], targets.quaternions[row]])
+def _guide(targets: HandTargets, rows: list[int]) -> FloatArray:
+    """Where the tracked hand is, (7,): the palm, or the middle of the tips ``rows`` where there is no palm. Equal springs that hold something
+    have their middle where it has its own, however hard they press.
+    """
+    if np.isfinite(targets.positions[PALM]).all():
+        return np.concatenate([targets.positions[PALM], targets.quaternions[PALM]])
+    return np.concatenate([targets.positions[rows].mean(axis=0), targets.quaternions[rows[0]]])
 
 
 def _between(state: SceneState, a: int, b: int) -> float:

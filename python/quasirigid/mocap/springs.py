@@ -39,36 +39,45 @@ def check_strength(name: str, value: float, unit: str) -> None:
         raise InvalidValueError(name, f"a finite number >= 0 ({unit})", value, "0 switches it off")
 
 
+FASTEST = (0.5, 3.0)
+"""With which what was lost goes to where it is seen again, at most, m/s and rad/s: no faster than a hand."""
+
+
+def fading(value: FloatArray, fastest: float) -> FloatArray:
+    """With which an offset ``value`` goes to zero, per s: exponentially, but no faster than ``fastest``."""
+    size = float(np.sqrt(value @ value))
+    return -value * min(1.0 / OFFSET_FADES, fastest / max(size, OFFSET_GONE))
+
+
 class Offset:
     """Lets a spring grow stiffer without giving it energy.
 
     A spring of stretch e that goes from stiffness k0 to k1 > k0 would hold more energy than before, out of nothing. Here its target is moved
-    towards the body until the energy is what it was, ``e' = e sqrt(k0 / k1)``, and goes back to where it belongs with the time constant
-    ``OFFSET_FADES``: that is work which the hand does. What was lost and is seen again is so caught where it is.
+    towards the body until the energy is what it was, ``e' = e sqrt(k0 / k1)``, and goes back to where it belongs as ``fading`` says: that is work
+    which the hand does. What was lost and is seen again is so caught where it is.
     """
 
-    def __init__(self, size: int) -> None:
-        """``size`` is the number of components of the stretch."""
+    def __init__(self, *parts: tuple[int, float]) -> None:
+        """Components of the stretch, and how fast they may go back, in m and m/s or in rad and rad/s."""
+        ends = np.cumsum([0, *(size for size, _ in parts)]).tolist()
+        self._parts = [(slice(start, end), fastest) for start, end, (_, fastest) in zip(ends[:-1], ends[1:], parts, strict=True)]
         self.weight = 1.0
-        self.value: FloatArray = np.zeros(size)
-        """To be added to the target, (size,) m or rad."""
+        self.value: FloatArray = np.zeros(ends[-1])
+        """To be added to the target, m or rad."""
+        self.velocity: FloatArray = np.zeros(ends[-1])
+        """With which it changes, per s."""
         self.zero = True
 
     def update(self, weight: float, stretch: FloatArray | None, dt: float) -> None:
-        """``stretch`` (size,) is that from body to target without offset; it is needed if the weight has grown."""
+        """``stretch`` is that from body to target without offset; it is needed if the weight has grown."""
         if self.zero and weight <= self.weight:
             self.weight = weight
             return
-        if not self.zero:
-            self.value = math.exp(-dt / OFFSET_FADES) * self.value
+        self.value = self.value + dt * self.velocity
         if stretch is not None and weight > self.weight:
             self.value = math.sqrt(self.weight / weight) * (stretch + self.value) - stretch
         self.zero = bool(np.abs(self.value).max() < OFFSET_GONE)
         if self.zero:
             self.value = np.zeros_like(self.value)
+        self.velocity = np.concatenate([fading(self.value[part], fastest) for part, fastest in self._parts])
         self.weight = weight
-
-    @property
-    def velocity(self) -> FloatArray:
-        """With which it goes back, (size,) per s."""
-        return -self.value / OFFSET_FADES

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from quasirigid._quasirigid import HandFrame, Packet
 from quasirigid.mocap import PARTS
+from quasirigid.mocap.contents import other_targets
 
 
 def _figures() -> Table:
@@ -68,6 +69,11 @@ def live_panel(where: str, s: dict[str, Any], packet: Packet | None, hands: Sequ
     if refused:
         why = f" ({escape(s['last_refusal'])})" if s["last_refusal"] else ""
         table.add_row("refused", "[yellow]" + ", ".join(f"{count} {name}" for name, count in refused.items()) + f"[/yellow]{why}")
+    if packet is not None:
+        if not any(hand.tracked.any() for hand in hands) and not packet.bodies:
+            table.add_row("hands", "[yellow]none seen, and no bodies[/yellow]")
+        for kind, count in other_targets([packet]).items():
+            table.add_row(kind.replace("_", " "), f"{count}, not used")
     parts = Table(box=None, header_style="bold", pad_edge=False)
     for heading in ("part", "x mm", "y mm", "z mm", "radius mm"):
         parts.add_column(heading, justify="left" if heading == "part" else "right")

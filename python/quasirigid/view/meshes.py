@@ -13,10 +13,12 @@ from quasirigid.view.scene import FloatArray, IntArray
 
 SAGITTA = 5e-5
 """How far a thinned mesh may be from the surface, m."""
-BACK_SAGITTA = 1e-4
+BACK_SAGITTA = 2e-4
 """The same for the backs of pads, which are decoration, m."""
 PLANE = 0.02
 """A plane part of a surface has at least this share of its points."""
+FULL = 0.97
+"""A body without dents fills this share of its convex hull: the edges of a coarsely sampled box are a little ragged."""
 VERTEX_CACHE = 24
 """Vertices that whoever draws the triangles keeps at hand, about."""
 FLAT = 0.999
@@ -143,8 +145,8 @@ def _outward(points: FloatArray, normals: FloatArray, faces: IntArray) -> IntArr
 
 
 def in_drawing_order(faces: IntArray, n: int) -> IntArray:
-    """The same triangles (m, 3) of ``n`` points, each near the last one, so that most of its vertices have just been computed: a page
-    without a graphics card draws a pad in three quarters of the time. The fans of Sander, Nehab and Barczak, *Fast triangle reordering
+    """The same triangles (m, 3) of ``n`` points, each near the last one, so that most of its vertices have just been computed by a page
+    without a graphics card. The fans of Sander, Nehab and Barczak, *Fast triangle reordering
     for vertex locality and reduced overdraw*, 2007, section 4.
     """
     if len(faces) == 0:
@@ -202,28 +204,26 @@ def thinned(points: FloatArray, normals: FloatArray, sagitta: float = SAGITTA) -
         _, _, axes = np.linalg.svd((mean / length)[None])
         kept = np.asarray(ConvexHull(points @ axes[1:].T).vertices, dtype=np.int64)
         return kept, _outward(points[kept], normals[kept], _in_plane(points[kept], mean / length))
+    kept = _apart_enough(points, normals, sagitta)
     inner, corners = _plane_parts(points, normals)
     if len(inner):
-        curved = np.setdiff1d(np.arange(len(points)), inner)
-        kept = np.union1d(corners, curved[_apart_enough(points[curved], normals[curved], sagitta)] if len(curved) > 9 else curved)
-        hull = _convex(points, normals, kept, sagitta)
+        few = np.union1d(corners, np.setdiff1d(kept, inner))
+        hull = _convex(points, normals, few, sagitta)
         if hull is not None:
             used, places = np.unique(hull.ravel(), return_inverse=True)
-            return kept[used], np.asarray(places, dtype=np.int64).reshape(-1, 3)
-    kept = _apart_enough(points, normals, sagitta)
+            return few[used], np.asarray(places, dtype=np.int64).reshape(-1, 3)
     faces = _from_within(points[kept], normals[kept])
     return None if faces is None else (kept, faces)
 
 
 def is_convex(points: FloatArray, faces: IntArray) -> bool:
-    """Whether no point (n, 3) of a closed mesh is outside of any of its triangles (m, 3), by more than a thousandth of its size."""
-    middle = points.mean(axis=0)
-    a, b, c = (points[faces[:, i]] - middle for i in range(3))
-    across = np.cross(b - a, c - a)
-    across /= np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
-    support = np.einsum("ij,ij->i", across, a)
-    some = points[:: max(1, len(points) // 500)] - middle
-    return bool((some @ across.T - support).max() < 1e-3 * float(np.ptp(points, axis=0).max()))
+    """Whether a closed mesh of ``points`` (n, 3) and triangles (m, 3) has no dents to speak of: it fills its convex hull to ``FULL``."""
+    try:
+        hull = ConvexHull(points).volume
+    except QhullError:
+        return True  # it is flat
+    a, b, c = (points[faces[:, i]] - points[0] for i in range(3))
+    return bool(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0 > FULL * hull)
 
 
 def _plane_parts(points: FloatArray, normals: FloatArray) -> tuple[IntArray, IntArray]:
@@ -332,7 +332,7 @@ def mirrored(points: FloatArray, normals: FloatArray, faces: IntArray, axis: Flo
     rim = height.min()
     few = thinned(points, normals, BACK_SAGITTA)
     if few is not None:
-        at_rim = np.flatnonzero(height < rim + 1.5 * spacing_of(points))
+        at_rim = np.flatnonzero(height < rim + 0.8 * spacing_of(points))
         kept = np.union1d(few[0], at_rim)
         points, normals, height = points[kept], normals[kept], height[kept]
         star = _from_within(points, normals)

@@ -91,10 +91,11 @@ class OnlookPage:
         if self.changed:
             self.changed = False
             self.drawing.apply_layers()
-        self.drawing.draw(state, exact=exact)
         if state.tracked is not None:
             self._tracked = self._tracked or TrackedDrawing(self.server)
-            self._tracked.draw(state.tracked)
+            with self.server.atomic():
+                self._tracked.draw(state.tracked)
+        self.drawing.draw(state, exact=exact)
         if exact or time.perf_counter() - self._slow_at > 1.0 / SLOW_RATE:
             self._slow_at = time.perf_counter()
             self._figures(state, status, together=exact)

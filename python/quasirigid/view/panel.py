@@ -19,6 +19,7 @@ from quasirigid.view.draw import Layers
 from quasirigid.view.play import PULL_LIMIT, Figures, Play
 from quasirigid.view.session import Frame, Session
 from quasirigid.view.things import LARGEST_UPLOAD, SHAPES, built_in, from_upload
+from quasirigid.view.uploads import UploadGate
 
 SOFT = ("fingertip_pulp", "silicone", "ecoflex", "rubber")
 """Materials that a fingertip may be of."""
@@ -100,6 +101,7 @@ class ControlPanel:
             self._note = gui.add_html("")
         self._message = ""
         self._lock = threading.Lock()
+        UploadGate(server, LARGEST_UPLOAD, self._say)
 
         @run.on_click
         def _(event: viser.GuiEvent[Any]) -> None:

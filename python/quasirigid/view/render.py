@@ -21,6 +21,7 @@ import numpy as np
 
 from quasirigid.errors import InvalidShapeError, InvalidValueError, UnknownNameError
 from quasirigid.palette import FINGER_COLOURS
+from quasirigid.quiet import quiet_fonts
 from quasirigid.scene_plot import CELL, compose, floor_lines, pad_colours, soft_shadow, tinted, view_of
 from quasirigid.scene_recording import SceneRecording
 from quasirigid.scene_shot import spread
@@ -402,6 +403,7 @@ _mine: Renderer | None = None
 def _prepare(path: Path, options: RenderOptions) -> None:
     global _mine
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends the work
+    quiet_fonts()
     _mine = Renderer(SceneRecording(path), options)
 
 

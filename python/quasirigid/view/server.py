@@ -122,6 +122,7 @@ class LiveView:
         add_ground(self.server, frame.model.floor)
         place_camera(self.server, frame.model, frame.state.positions, frame.state.quaternions)
         self._drawing = SceneDrawing(self.server, frame.model, layers=self._layers)
+        self._drawing.hurried = True
         self._touch = Touch(self.server, self.session, self._drawing, frame)
         self._touch.show(**self._gizmos)
         self._tactile = Tactile(frame.model)

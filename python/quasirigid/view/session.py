@@ -115,7 +115,7 @@ class Session:
         self._wake.set()
 
     def observe(self, observer: Callable[[Play], None]) -> None:
-        """Call this in the simulation thread after every step: recorders."""
+        """Call this in the simulation thread after every step: recorders. One that raises is a complaint, and not called again."""
         self.do(lambda _: self._observers.append(observer))
 
     def run(self, on: bool) -> None:
@@ -204,13 +204,20 @@ class Session:
             except queue.Empty:
                 return done
             done = True
-            try:
-                command(self._play)
-            except QuasirigidError as error:
-                self.complaints.put(str(error))
-            except Exception as error:  # a bug must not end the session: said in the page and on the console
-                traceback.print_exc()
-                self.complaints.put(f"{type(error).__name__}: {error}")
+            self._carry_out(command)
+
+    def _carry_out(self, command: Callable[[Play], None]) -> bool:
+        """Whether it went well; if not, that is a complaint."""
+        try:
+            command(self._play)
+        except QuasirigidError as error:
+            self.complaints.put(str(error))
+            return False
+        except Exception as error:  # a bug must not end the session: said in the page and on the console
+            traceback.print_exc()
+            self.complaints.put(f"{type(error).__name__}: {error}")
+            return False
+        return True
 
     def _advance(self, published: float) -> bool:
         """Steps until the clock is reached, a state is due, or commands wait."""
@@ -242,8 +249,9 @@ class Session:
     def _step(self) -> None:
         report = self._play.step()
         self._step_times.append(report.step_time)
-        for observer in self._observers:
-            observer(self._play)
+        for observer in tuple(self._observers):
+            if not self._carry_out(observer):
+                self._observers.remove(observer)  # a full disk must not end the session
         now, simulated = time.perf_counter(), self._play.world.time
         if not self._trace or now - self._trace[-1][0] > 0.02:
             self._trace.append((now, simulated))

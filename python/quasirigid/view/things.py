@@ -11,6 +11,7 @@ from quasirigid.errors import ObjectFileError
 from quasirigid.grasp import Taken, take_box, take_file, take_surface
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.objects import FORMATS
+from quasirigid.view.uploads import too_large
 
 LARGEST_UPLOAD = 20 * 1024 * 1024
 """Bytes."""
@@ -48,10 +49,7 @@ def from_upload(name: str, content: bytes, options: GraspOptions, friction: floa
             Path(name).name, f"one of {', '.join(FORMATS)}", suffix or "no extension", "export the object in one of these"
         )
     if len(content) > LARGEST_UPLOAD:
-        size = f"{len(content) / 1024**2:.1f} MB"
-        raise ObjectFileError(
-            Path(name).name, f"at most {LARGEST_UPLOAD // 1024**2} MB", size, "reduce the mesh, or use quasirigid view --object FILE"
-        )
+        raise too_large(Path(name).name, len(content), LARGEST_UPLOAD)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / (Path(name).stem[:60].replace("/", "_") + suffix)
         path.write_bytes(content)

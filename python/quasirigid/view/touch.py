@@ -16,7 +16,7 @@ BASE_SCALE, FINGER_SCALE = 0.04, 0.02
 """Size of the gizmos, m."""
 ABOVE = 0.035
 """The base's gizmo sits so far above the palm, where nothing hides it, m."""
-BACK = 0.02
+BACK = 0.03
 """A fingertip's gizmo sits so far behind its pad, m."""
 
 
@@ -28,7 +28,10 @@ class Touch:
         self._frame = frame
         self._grabbed: FloatArray | None = None
         self._held: set[str] = set()
-        self._base = server.scene.add_transform_controls("/touch/base", scale=BASE_SCALE, line_width=2.5, depth_test=False, opacity=0.9)
+        self._object: viser.MeshHandle | None = None
+        self._base = server.scene.add_transform_controls(
+            "/touch/base", scale=BASE_SCALE, line_width=2.5, disable_sliders=True, depth_test=False, opacity=0.9
+        )
         self._fingers = [
             server.scene.add_transform_controls(
                 f"/touch/finger {i}", scale=FINGER_SCALE, disable_rotations=True, depth_test=False, opacity=0.9, visible=False
@@ -40,7 +43,7 @@ class Touch:
             self._hold_finger(finger, gizmo)
         for body, mesh in zip(frame.model.bodies, drawing.meshes, strict=True):
             if body.kind == "object" and mesh is not None:
-                mesh.on_drag(self._drag_object)
+                self._object = mesh
                 break
         self.follow(frame)
 
@@ -50,10 +53,14 @@ class Touch:
             gizmo.remove()
 
     def show(self, base: bool, fingers: bool) -> None:
-        """Which gizmos are there."""
+        """Which gizmos are there. With those of the fingertips the object cannot be dragged: the mouse would meet it before arrows that point at it."""
         self._base.visible = base
         for gizmo in self._fingers:
             gizmo.visible = fingers
+        if self._object is not None:
+            self._object.remove_drag_callback()
+            if not fingers:
+                self._object.on_drag(self._drag_object)
 
     def follow(self, frame: Frame) -> None:
         """Gizmos that nobody holds go where the hand is."""

@@ -9,13 +9,15 @@ import numpy as np
 
 from quasirigid._quasirigid import Body, Hand, StepReport, World
 from quasirigid.errors import InvalidHandleError
-from quasirigid.palette import BONE, FINGER_COLOURS, GLASS, LINK_RADII, NAIL, PAD, PALM
+from quasirigid.palette import BONE, FINGER_COLOURS, GLASS, LINK_RADII, PAD, PALM
 from quasirigid.summary import conjugate, rotate
 from quasirigid.view.meshes import Mesh, joined, mirrored, tapered_capsule, triangulate
 from quasirigid.view.scene import BodyView, Colour, ContactsState, FloatArray, IntArray, Kind, Moved, SceneModel, SceneState
 
 OBJECT_COLOURS: tuple[Colour, ...] = (GLASS, (0.62, 0.50, 0.36), (0.42, 0.55, 0.40))
 SUPPORT: Colour = (0.90, 0.91, 0.93)
+LEVEL = 0.999
+"""Cosine of the slope of what counts as a level plane."""
 KNUCKLE = 0.42
 """Radius of the axle at a joint, as a share of the link's."""
 
@@ -224,12 +226,19 @@ def _link_meshes(hand: Hand, finger: int, own: Colour) -> list[tuple[int, Mesh, 
         axle = np.array([0.0, 1.04 * start_radius, 0.0])
         parts.append((link, tapered_capsule(-axle, axle, KNUCKLE * start_radius, KNUCKLE * start_radius, around=12, caps=2), own, "joint"))
     points, normals = surface.points, surface.normals
-    parts.append((len(links) - 1, mirrored(points, normals, triangulate(points, normals), outwards), NAIL, "nail"))
+    parts.append((len(links) - 1, mirrored(points, normals, triangulate(points, normals), outwards), PAD, "nail"))
     return parts
 
 
 def _floor(views: Sequence[BodyView], bodies: Sequence[Body]) -> float:
-    """The ground lies under everything that is there at the start."""
+    """The ground lies on the lowest plane that carries things, else under everything that is there at the start."""
+    planes = [
+        float(body.position[2] + rotate(body.quaternion, view.points)[:, 2].max())
+        for view, body in zip(views, bodies, strict=False)
+        if view.kind == "support" and len(view.points) and rotate(body.quaternion, view.normals)[:, 2].min() > LEVEL
+    ]
+    if planes:
+        return min(planes)
     lowest = [
         float((body.position[2] + rotate(body.quaternion, view.points)[:, 2]).min())
         for view, body in zip(views, bodies, strict=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from importlib.resources import files
 from urllib.parse import urlsplit
 
@@ -42,3 +43,13 @@ def named_locally(host: str | None) -> bool:
         return urlsplit(f"//{host}").hostname in LOCAL
     except ValueError:
         return False
+
+
+def own_address() -> str:
+    """The address under which others in the network reach this machine, or its name if it is in none. Nothing is sent."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way:
+        try:
+            way.connect(("192.0.2.1", 9))  # of no machine (RFC 5737): which way would it go?
+        except OSError:
+            return socket.gethostname()
+        return str(way.getsockname()[0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import socket
 import ssl
 import threading
 import time
@@ -24,7 +25,7 @@ from quasirigid.errors import InvalidValueError, NetworkError, PacketError
 from quasirigid.view.scene import SceneModel, SceneState
 from quasirigid.webxr.joints import JOINTS, Side, hand_frame
 from quasirigid.webxr.messages import HANDS_SIZE, TEXT_LIMIT, read_hands, read_recentre
-from quasirigid.webxr.pages import HEADERS, LOCAL, named_locally, page_files, same_origin
+from quasirigid.webxr.pages import HEADERS, LOCAL, named_locally, own_address, page_files, same_origin
 from quasirigid.webxr.placement import Placement
 from quasirigid.webxr.wire import SceneWire
 
@@ -97,6 +98,8 @@ class XrServer:
             self.address = ready.result()
         except OSError as error:
             self._thread.join()
+            if isinstance(error, socket.gaierror):
+                raise InvalidValueError("address to listen on", "one of this machine's", host, "127.0.0.1, or 0.0.0.0 for all") from None
             raise NetworkError(f"port {port} of {host}", "one that is free", error.strerror or str(error), "choose another port") from None
 
     # What a session asks for: a source of hands.
@@ -144,7 +147,7 @@ class XrServer:
     def url(self) -> str:
         """Address of the page."""
         host, port = self.address
-        shown = "localhost" if host in (*LOCAL, "0.0.0.0", "::") else host
+        shown = "localhost" if host in LOCAL else own_address() if host in ("0.0.0.0", "::") else host
         return f"{'http' if self._tls is None else 'https'}://{shown}:{port}"
 
     @property

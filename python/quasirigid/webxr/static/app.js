@@ -31,6 +31,7 @@ const status = {
   connected: false,
   states: 0,
   bytes: 0, // of the last state
+  time: 0, // simulated, s
   sent: 0,
   skipped: 0,
   recentred: 0,
@@ -113,6 +114,7 @@ function shown(message, bytes) {
   drawing.update(message);
   status.states += 1;
   status.bytes = bytes;
+  status.time = message.time;
   const said = readout(message, drawing.fingers);
   if (renderer.xr.isPresenting) board.show(said, colours, performance.now());
   else print(said);
