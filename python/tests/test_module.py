@@ -287,6 +287,8 @@ BAD: list[tuple[str, Callable[[], Any], type[Exception], str]] = [
     ("negative tolerance", lambda: qr.World(tolerance=-1.0), qr.InvalidValueError, "tolerance"),
     ("no sweeps", lambda: qr.World(max_sweeps=0), qr.InvalidValueError, "max_sweeps"),
     ("negative time budget", lambda: qr.World(time_budget=-1.0), qr.InvalidValueError, "time_budget"),
+    ("negative step budget", lambda: qr.World(step_budget=-1e-3), qr.InvalidValueError, "step_budget"),
+    ("step budget of nothing", lambda: setattr(qr.World(), "step_budget", 0.0), qr.InvalidValueError, "step_budget"),
     ("negative margin", lambda: qr.World(contact_margin=-1.0), qr.InvalidValueError, "contact_margin"),
     ("body without mass", lambda: qr.World().add_body(small_box(), MATERIAL), qr.InvalidValueError, "mass"),
     ("text for mass", lambda: qr.World().add_body(small_box(), MATERIAL, mass="heavy"), qr.InvalidValueError, "mass"),  # type: ignore[arg-type]
@@ -385,3 +387,11 @@ def test_stubs_have_the_parameters_of_the_module() -> None:
             there = [p for p in signature.parameters if p != "self"]
             stubbed = [a.arg for a in [*node.args.args, *node.args.kwonlyargs] if a.arg != "self"]
             assert there == stubbed, f"{name}.{member}"
+
+
+def test_a_world_tells_its_step_budget_and_how_many_newton_steps_a_step_took() -> None:
+    world = qr.World(step_budget=8e-4)
+    assert world.step_budget == 8e-4
+    world.step_budget = None
+    assert world.step_budget is None
+    assert world.step().newton_steps == 0
