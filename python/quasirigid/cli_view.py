@@ -84,8 +84,11 @@ def view(
         compliance=compliance.value,
         threads=threads,
     )
-    live = LiveView(Play(options), options, host=host, port=port)
+    play = Play(options)
     recorder = None if record is None else LiveRecorder(record)
+    if recorder is not None:
+        recorder.begin(play)  # a place where nothing can be written is found out now
+    live = LiveView(play, options, host=host, port=port)
     if recorder is not None:
         live.session.observe(recorder)
     live.start()
@@ -103,9 +106,11 @@ def view(
     finally:
         live.stop()
         if recorder is not None:
-            for path in recorder.paths:
-                typer.echo(str(path))
-            recorder.close()
+            try:
+                recorder.close()
+            finally:
+                for path in recorder.paths:
+                    typer.echo(str(path))
             if recorder.waited > 0.0:
                 print(f"quasirigid: the disk could not follow: the simulation waited {recorder.waited:.2g} s for it", file=sys.stderr)
 

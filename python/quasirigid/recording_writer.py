@@ -8,6 +8,7 @@ let go of the lock, and given to HDF5 as they are to stand in the file: what is 
 
 from __future__ import annotations
 
+import errno
 import itertools
 import os
 import queue
@@ -167,7 +168,9 @@ def unwritable(path: str, error: Exception) -> RecordingError:
     # HDF5 says in which of its calls it happened; people want to know what the operating system said.
     number = getattr(error, "errno", None)
     reason = os.strerror(number) if number else " ".join(str(error).split())
-    return RecordingError(path, "a file that can be written", reason, "free some space on the disk, or record elsewhere with --record")
+    full = number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+    hint = "free some space on the disk, or record elsewhere with --record" if full else "choose another place with --record or --out"
+    return RecordingError(path, "a file that can be written", reason, hint)
 
 
 __all__ = ["Block", "PackedColumn", "RecordingWriter", "unwritable"]

@@ -101,27 +101,35 @@ class LiveRecorder:
         """How long the simulation had to wait because the disk could not follow, s."""
         return self._waited + (0.0 if self._recorder is None else self._recorder.waited)
 
+    def begin(self, play: Play) -> None:
+        """Begin a file for this grasp. Raises ``RecordingError`` where none can be written."""
+        self.close()
+        scene, count = play.scene, len(self.paths) + 1
+        path = self._path if count == 1 else self._path.with_stem(f"{self._path.stem}-{count}")
+        taken = play.grasp.taken
+        attributes = {"object": taken.name, "object_mass_kg": play.figures.mass, "friction": play.figures.friction}
+        joints = scene.state().joint_positions.shape
+        self._recorder = SceneRecorder(path, scene.model, (joints[0], joints[1]), attributes=attributes)
+        self.paths.append(path)
+
     def __call__(self, play: Play) -> None:
         """Record the grasp as it is now."""
         scene = play.scene
         if self._recorder is None or self._recorder.model is not scene.model:
-            self.close()
-            count = len(self.paths) + 1
-            path = self._path if count == 1 else self._path.with_stem(f"{self._path.stem}-{count}")
-            taken = play.grasp.taken
-            attributes = {"object": taken.name, "object_mass_kg": play.figures.mass, "friction": play.figures.friction}
-            joints = scene.state().joint_positions.shape
-            self._recorder = SceneRecorder(path, scene.model, (joints[0], joints[1]), attributes=attributes)
-            self.paths.append(path)
+            self.begin(play)
+            assert self._recorder is not None
         state = scene.state(play.report, play.phase, moved=self._recorder.wants_deformation)
         self._recorder.append(state, None, play.report)
 
     def close(self) -> None:
-        """Finish the file that is being written."""
+        """Finish the file that is being written; one without a step is taken away."""
         if self._recorder is not None:
             recorder, self._recorder = self._recorder, None
             recorder.close()
             self._waited += recorder.waited
+            if recorder.steps == 0:
+                recorder.path.unlink(missing_ok=True)
+                self.paths.remove(recorder.path)
 
 
 __all__ = ["LiveRecorder", "WorldRecorder", "record"]

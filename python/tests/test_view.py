@@ -36,6 +36,7 @@ from quasirigid.view.tactile import HEADING, SIDE, Tactile
 from quasirigid.view.things import LARGEST_UPLOAD, SHAPES, built_in, from_upload
 from quasirigid.view.unlit import unlit_glb
 from quasirigid.view.uploads import UploadGate
+from quasirigid.world_recorder import LiveRecorder
 
 OPTIONS = GraspOptions(points=4_000)
 
@@ -402,6 +403,27 @@ def test_a_recorder_that_fails_is_a_complaint_and_the_session_lives_on(session: 
     assert "No space left" in session.complaints.get(timeout=10)
     wait_for(lambda: session.newest()[1].state.step > 20, "steps after all")
     assert len(calls) == 1
+
+
+def test_what_happens_live_is_recorded_and_a_reset_begins_another_file(tmp_path: Path) -> None:
+    play, recorder = Play(OPTIONS), LiveRecorder(tmp_path / "live.h5")
+    recorder.begin(play)
+    for steps in (130, 20):
+        for _ in range(steps):
+            play.step()
+            recorder(play)
+        last = play.state().positions
+        play.build()
+    recorder.begin(play)  # nothing comes of it
+    recorder.close()
+    assert [path.name for path in recorder.paths] == ["live.h5", "live-2.h5"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["live-2.h5", "live.h5"]
+    assert recorder.waited == 0.0
+    for name, steps in (("live.h5", 130), ("live-2.h5", 20)):
+        with qr.SceneRecording(tmp_path / name) as back:
+            assert (len(back), back.columns.complete) == (steps, True)
+    with qr.SceneRecording(tmp_path / "live-2.h5") as back:
+        np.testing.assert_array_equal(back.state(-1).positions, last)
 
 
 @pytest.mark.parametrize("name", SHAPES)
