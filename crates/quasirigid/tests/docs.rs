@@ -87,6 +87,18 @@ fn every_link_leads_to_a_file_that_exists() {
 }
 
 #[test]
+fn index_and_readme_lead_to_every_page() {
+    for (list, folder) in [("docs/index.md", ""), ("README.md", "docs/")] {
+        let Some(text) = page(list) else { return };
+        for (path, _) in pages() {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            let missing = path.starts_with("docs") && name != "index.md" && !text.contains(&format!("]({folder}{name})"));
+            assert!(!missing, "{list} does not lead to {}", path.display());
+        }
+    }
+}
+
+#[test]
 fn every_path_in_code_type_exists() {
     let mut missing = Vec::new();
     let mut names = BTreeSet::new();

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import logging
 import socket
@@ -100,7 +101,8 @@ class XrServer:
             self._thread.join()
             if isinstance(error, socket.gaierror):
                 raise InvalidValueError("address to listen on", "one of this machine's", host, "127.0.0.1, or 0.0.0.0 for all") from None
-            raise NetworkError(f"port {port} of {host}", "one that is free", error.strerror or str(error), "choose another port") from None
+            found = "one in use" if error.errno == errno.EADDRINUSE else error.strerror or str(error)
+            raise NetworkError(f"port {port} of {host}", "one that is free", found, "choose another port") from None
 
     # What a session asks for: a source of hands.
 
