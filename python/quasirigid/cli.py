@@ -38,7 +38,7 @@ from quasirigid.cli_options import (
     Threads,
     Yielding,
 )
-from quasirigid.errors import QuasirigidError
+from quasirigid.errors import InvalidValueError, QuasirigidError
 from quasirigid.grasp_panel import grasp_panel
 from quasirigid.mocap.commands import app as mocap_commands
 from quasirigid.quiet import quiet_fonts
@@ -96,6 +96,7 @@ MOCAP = "Motion capture"
 
 @app.command(epilog=EXAMPLES)
 def grasp(
+    context: typer.Context,
     object_file: ObjectFile = None,
     scale: Scale = None,
     size: Size = None,
@@ -228,7 +229,9 @@ def grasp(
         threads=threads,
         seed=seed,
     )
-    if mocap is not None:
+    if mocap is None:
+        _refuse_unheard(context)
+    else:
         from quasirigid.mocap.grasp_command import coupled, grasp_mocap
         from quasirigid.mocap.options import MocapOptions
 
@@ -272,6 +275,15 @@ def grasp(
         typer.echo(json.dumps(result.summary, indent=2, allow_nan=False))
     else:
         Console().print(grasp_panel(result))
+
+
+def _refuse_unheard(context: typer.Context) -> None:
+    """Refuses options about a tracked hand where there is none: they would do nothing."""
+    for option in context.command.params:
+        given = getattr(context.get_parameter_source(option.name or ""), "name", "") == "COMMANDLINE"
+        if given and getattr(option, "rich_help_panel", None) == MOCAP:
+            name = option.opts[0]
+            raise InvalidValueError(name, "--mocap beside it", "none", "it is about a tracked hand: add --mocap, or leave it out")
 
 
 @app.command()
@@ -385,7 +397,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Usage errors of the command line parser; they know their own exit code (2).
         if hasattr(error, "format_message"):
             if error.format_message():  # empty when the help was shown for want of arguments
-                _say(f"{error.format_message()}; see `quasirigid --help`")
+                _say(f"{error.format_message().rstrip('.')}; see `quasirigid --help`")
             return int(getattr(error, "exit_code", 2))
         if type(error).__name__ == "Abort":
             return 130

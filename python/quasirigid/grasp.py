@@ -169,7 +169,7 @@ class Stage:
 
     @staticmethod
     def build(
-        options: GraspOptions, taken: Taken | None = None, pedestal: tuple[float, float, float] = PEDESTAL, time_budget: float | None = None
+        options: GraspOptions, taken: Taken | None = None, pedestal: tuple[float, float, float] = PEDESTAL, step_budget: float | None = None
     ) -> Stage:
         """Arguments and errors as of ``Grasp``."""
         options.check()
@@ -180,7 +180,7 @@ class Stage:
         friction = math.sqrt(pad.friction * stuff.friction)
         if taken is None:
             taken = take_box(options) if options.object is None else take_file(options, friction, stuff.density)
-        world = World(dt=options.dt, gravity=(0.0, 0.0, -GRAVITY), threads=options.threads, time_budget=time_budget)
+        world = World(dt=options.dt, gravity=(0.0, 0.0, -GRAVITY), threads=options.threads, step_budget=step_budget)
         # A flat box stands on a small pedestal, whatever else on a table.
         flat = taken.flat
         surface = Surface.box(pedestal, points=2_000) if flat else Surface.half_space(TABLE, points=4_000)
@@ -200,13 +200,13 @@ class Grasp:
         *,
         taken: Taken | None = None,
         pedestal: tuple[float, float, float] = PEDESTAL,
-        time_budget: float | None = None,
+        step_budget: float | None = None,
     ) -> None:
         """Build the world. ``taken`` is the object if it is neither the box nor from a file, ``pedestal`` (m) what a flat one stands on;
-        ``time_budget`` is that of ``World``. Raises the errors of ``quasirigid.errors`` for whatever cannot be built.
+        ``step_budget`` is that of ``World``. Raises the errors of ``quasirigid.errors`` for whatever cannot be built.
         """
         self.options = options
-        stage = Stage.build(options, taken, pedestal, time_budget)
+        stage = Stage.build(options, taken, pedestal, step_budget)
         self.friction, self.taken = stage.friction, stage.taken
         taken, start, pad = stage.taken, stage.start, stage.pad
         self.world, self.support, self.object, self._support_top = stage.world, stage.support, stage.object, stage.support_top

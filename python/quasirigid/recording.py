@@ -65,7 +65,8 @@ class Recording:
         except FileNotFoundError:
             raise ObjectFileError(str(path), "a recording (HDF5)", "no such file", "give the path of a recording.h5") from None
         except OSError as error:
-            raise ObjectFileError(str(path), "a recording (HDF5)", str(error), "give the path of a recording.h5") from None
+            found = "a directory" if self.path.is_dir() else str(error)
+            raise ObjectFileError(str(path), "a recording (HDF5)", found, "give the path of a recording.h5") from None
         if self._file.attrs.get("format") != FORMAT:
             self._file.close()
             raise ObjectFileError(str(path), "a recording of quasirigid", "some other HDF5 file", "give the path of a recording.h5")

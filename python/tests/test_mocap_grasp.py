@@ -222,6 +222,8 @@ def test_command_line_says_what_it_does_not_understand(capsys: pytest.CaptureFix
         (["--mocap", "take", "--coupling", "glue"], "tips or hand"),
         (["--mocap", "take", "--hand", "third"], "left or right"),
         (["--mocap", "take", "--idle", "-1"], "idle"),
+        (["--hand", "left"], "add --mocap"),
+        (["--place", "0,0.7,-0.4"], "add --mocap"),
         (["--mocap", "take", "--spring", "-600"], "--spring: expected a finite number >= 0 (N/m)"),
         (["--mocap", "take", "--spring-rotation", "nan"], "--spring-rotation"),
         (["--mocap", "take", "--damping", "inf"], "--damping"),

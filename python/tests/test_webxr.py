@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from quasirigid.errors import InvalidValueError, PacketError
+from quasirigid.errors import InvalidValueError, NetworkError, PacketError
 from quasirigid.webxr import JOINTS, Placement, XrServer, hand_frame
 from quasirigid.webxr.messages import HANDS_SIZE, HEAD, MAGIC, read_hands, read_recentre
 
@@ -132,6 +132,13 @@ def test_the_page_is_served_over_https_with_a_certificate(tmp_path: Path) -> Non
         at = f"127.0.0.1:{server.address[1]}"
         with connect(f"wss://{at}/socket", ssl=trust, origin=f"https://{at}", proxy=None) as page:  # type: ignore[arg-type]
             assert '"hello"' in page.recv(timeout=20)
+
+
+def test_an_address_that_is_none_and_a_port_in_use_are_said_to_be_so() -> None:
+    with pytest.raises(InvalidValueError, match="address"):
+        XrServer(0, host="300.1.1.1")
+    with XrServer(0) as server, pytest.raises(NetworkError, match=str(server.address[1])):
+        XrServer(server.address[1])
 
 
 def test_opened_to_the_network_it_names_an_address_that_others_can_use() -> None:

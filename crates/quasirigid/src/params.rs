@@ -34,7 +34,7 @@ pub struct Parameters {
     /// Projections on a surface stop when the distance left is below this, m. Default 1e-10.
     pub projection_tolerance: Real,
     /// A projection is kept, with its tangent plane for the surface, until its control point has moved this far from where it was made, m. Default 1e-6: on a
-    /// radius of 1 mm the plane is then off by 5e-10 m. 0 projects anew in every step.
+    /// radius of 1 mm the plane is then off by 5e-10 m. On flatter surfaces that do not yield it is kept until the plane is off by as much. 0 projects anew in every step.
     pub projection_slack: Real,
     /// Surfaces are looked at anew only in every so many-th step, at least 1. Default 1. In between every contact keeps its foot and tangent plane, carried along with the
     /// body that they are on, and only gap and slip follow the motion; a control point that moves by more than `contact_margin` against the other body is projected all the

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import gc
+import sys
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -16,6 +19,22 @@ CATCH_UP = 0.2
 """Later than that the hand is shown faster, so that it does not stay behind: twice as fast when it is so much later, s."""
 SUSPENDED = 2.0
 """So far behind, the program was stopped: it goes on from now, s."""
+SWITCH = 1e-4
+"""After so long (s) a thread that computes in Python gives way to the one that steps; Python's own figure is 5 ms, five steps."""
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """A loop that keeps up with the clock: other threads give way soon, and the garbage collector does not go through what was there before."""
+    interval = sys.getswitchinterval()
+    gc.collect()
+    gc.freeze()
+    sys.setswitchinterval(min(SWITCH, interval))
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(interval)
+        gc.unfreeze()
 
 
 class Pace:

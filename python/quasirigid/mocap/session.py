@@ -27,11 +27,11 @@ from quasirigid.mocap.look import Look, Observer, Viewer
 from quasirigid.mocap.losses import Losses
 from quasirigid.mocap.options import MocapOptions
 from quasirigid.mocap.outcome import Outcome
-from quasirigid.mocap.pace import Pace
+from quasirigid.mocap.pace import Pace, undisturbed
 from quasirigid.mocap.stream import Source
 from quasirigid.recording import Column
 from quasirigid.scene_recording import SceneRecorder
-from quasirigid.view.play import MAT, PEDESTAL, SOLVER_BUDGET
+from quasirigid.view.play import MAT, PEDESTAL, STEP_SHARE
 from quasirigid.view.scene import SceneState, TrackedHand
 from quasirigid.view.world_scene import WorldScene
 
@@ -59,7 +59,7 @@ class MocapSession:
         """
         mocap.check()
         self.options, self.mocap, self.source, self.viewer = options, mocap, source, viewer
-        self.stage = Stage.build(options, pedestal=PEDESTAL, time_budget=SOLVER_BUDGET if source.paced else None)
+        self.stage = Stage.build(options, pedestal=PEDESTAL, step_budget=STEP_SHARE * options.dt if source.paced else None)
         self.world, self.object = self.stage.world, self.stage.object
         # As in the live view: soft things to stand and to fall on.
         soft = Material.preset("silicone")
@@ -157,15 +157,19 @@ class MocapSession:
         """Step until the stream has ended. Call ``wait_for_hand`` before."""
         if self.coupling is None:
             raise InvalidValueError("session", "a hand that was seen", "none yet", "call wait_for_hand first")
-        self._listen()  # what came while the scene was made ready belongs to no step
-        self.pace = Pace(self.source, self.options.dt)
+        with undisturbed():
+            self._listen()  # what came while the scene was made ready belongs to no step
+            self.pace = Pace(self.source, self.options.dt)
+            self._loop(self.coupling, self.pace, recorder)
+
+    def _loop(self, coupling: Coupling, pace: Pace, recorder: SceneRecorder | None) -> None:
         step = 0
         while not self._over():
-            due = self.pace.wait()
-            self.pace.begin(self._listen())
+            due = pace.wait()
+            pace.begin(self._listen())
             targets = self._tracker.sample(due)
             assert targets is not None  # a hand was seen
-            self.coupling.follow(targets, self.pace.rate)
+            coupling.follow(targets, pace.rate)
             report = self.world.step()
             self.step_times.append(report.step_time)
             self.unconverged += not report.converged

@@ -30,6 +30,10 @@ FLAT_NORMALS = 1e-3
 """A support whose normals differ by less is a plane."""
 GROUND, GROUND_LIT = np.array([0.895, 0.905, 0.915], np.float32), (0.99, 0.995, 1.0)
 """Of plane supports: in linear light, and the colour that looks so in the light of the page."""
+SEEN_STROKE = 0.03
+"""Forces under this share of the largest would be strokes shorter than a pixel."""
+OLDEST = 2
+"""States after which colours that are put off are worked out again: 12 times a second."""
 OPAQUE = 0.999
 LIFT = 1.5e-4
 """How far the coloured points stand out of the surface, so that it does not hide half of each, m."""
@@ -38,7 +42,7 @@ LOADED = 0.01
 HEAD = 0.3
 """Length of an arrow's head as a share of the arrow."""
 PULL = rgb("#A8478A")
-LEVELS = 40
+LEVELS = 32
 """Colours that are told apart on a pad: steps of the pressure scale."""
 PRESSURES = colour_map((np.arange(LEVELS) + 0.5) / LEVELS)
 """(levels, 3)."""
@@ -70,8 +74,8 @@ class SceneDrawing:
         self.server, self.model = server, model
         self.layers = layers or Layers()
         self.hurried = False
-        """While all moves, work out at every second state only which point of a pad has which colour; set by who draws states that stay
-        with ``exact``."""
+        """While all moves, work out only now and then which point of a pad has which colour; set by who draws states that stay with
+        ``exact``."""
         self.scale = Scale()
         """Of the pressure colours."""
         self.meshes: list[viser.MeshHandle | None] = [None] * len(model.bodies)
@@ -98,8 +102,8 @@ class SceneDrawing:
         """Vertices of the pads that have the colour of their pressure."""
         self._lift = np.zeros((0, 3), np.float32)
         """How their colours stand out, world."""
-        self._faded = False
-        """Whether these are of the state before the one on show."""
+        self._faded = 0
+        """How many states these are behind the one on show."""
         self._shown: SceneState | None = None
         self._tips = model.fingertips()
         pads = [model.bodies[tip] for tip in self._tips]
@@ -107,14 +111,13 @@ class SceneDrawing:
             for i, body in enumerate(model.bodies):
                 if len(body.faces) and body.kind in ("object", "support"):
                     self._add(i, body)
+            hand = [*self._tips, *(i for i, body in enumerate(model.bodies) if body.kind == "link" and len(body.faces))]
+            for number, colour in enumerate(dict.fromkeys(model.bodies[i].colour for i in hand)):
+                parts = [(i, model.bodies[i].points, model.bodies[i].faces) for i in hand if model.bodies[i].colour == colour]
+                name = f"links {number}" if number or not pads else "pads"
+                self._hand.append(Joined(server, f"/hand/{name}", parts, colour))
             if pads:
-                parts = [(tip, pad.points, pad.faces) for tip, pad in zip(self._tips, pads, strict=True)]
-                self._pads = Joined(server, "/hand/pads", parts, pads[0].colour)
-                self._hand.append(self._pads)
-            links = [(i, body) for i, body in enumerate(model.bodies) if body.kind == "link" and len(body.faces)]
-            for number, colour in enumerate(dict.fromkeys(body.colour for _, body in links)):
-                parts = [(i, body.points, body.faces) for i, body in links if body.colour == colour]
-                self._hand.append(Joined(server, f"/hand/links {number}", parts, colour))
+                self._pads = self._hand[0]
         self._patches = PatchPool(server, "/hand/patches", 1.7 * spacing_of(pads[0].points) if pads else 1e-3)
         self._contact_lines = LinePool(server, "/forces/contacts", 1.2)
         self._sum_lines = LinePool(server, "/forces/fingers", 4.0)
@@ -202,9 +205,9 @@ class SceneDrawing:
             if other:
                 self._shown = state
                 self._forces(state)
-            if self._pads is not None and (other or moved[0] or self._faded):
-                self._faded = self.hurried and not (exact or self._faded)
-                if not self._faded:
+            if self._pads is not None and (other or moved[0] or self._faded > 0):
+                self._faded = self._faded + 1 if self.hurried and not exact and self._faded < OLDEST else 0
+                if self._faded == 0:
                     self._pressure(state, self._pads, turns)
                 self._patches.move(self._pads.world[self._coloured] + self._lift)
             if pull is None:
@@ -255,7 +258,7 @@ class SceneDrawing:
         """Which points of the pads have which colour."""
         rows, levels, lifts = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros((0, 3))]
         by_pressure = self.layers.patch_colours == "pressure"
-        for tip, vertices in zip(pads.bodies, pads.rows, strict=True):
+        for tip, vertices in zip(self._tips, pads.rows, strict=False):  # after the tips come nails
             patch, moved = world_patch(state.contacts, tip), state.moved.get(tip)
             if moved is None or len(patch.points) == 0 or not (self.layers.patches and self.layers.hand):
                 continue
@@ -282,7 +285,7 @@ class SceneDrawing:
         size = np.sqrt((contacts.forces**2).sum(axis=1))
         largest = float(size.max(initial=0.0))
         if self.layers.contact_forces and largest > 0.0:
-            loaded = np.flatnonzero(size > 1e-3 * largest)
+            loaded = np.flatnonzero(size > SEEN_STROKE * largest)
             starts = contacts.points[loaded]
             # On side b, into which fingertips press: the strokes point from the pad into the object.
             ends = starts - contacts.forces[loaded] * (0.005 / max(largest, 1e-9))

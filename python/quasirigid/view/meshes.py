@@ -13,7 +13,7 @@ from quasirigid.view.scene import FloatArray, IntArray
 
 SAGITTA = 5e-5
 """How far a thinned mesh may be from the surface, m."""
-BACK_SAGITTA = 1e-4
+BACK_SAGITTA = 2e-4
 """The same for the backs of pads, which are decoration, m."""
 PLANE = 0.02
 """A plane part of a surface has at least this share of its points."""
@@ -145,8 +145,8 @@ def _outward(points: FloatArray, normals: FloatArray, faces: IntArray) -> IntArr
 
 
 def in_drawing_order(faces: IntArray, n: int) -> IntArray:
-    """The same triangles (m, 3) of ``n`` points, each near the last one, so that most of its vertices have just been computed: a page
-    without a graphics card draws a pad in three quarters of the time. The fans of Sander, Nehab and Barczak, *Fast triangle reordering
+    """The same triangles (m, 3) of ``n`` points, each near the last one, so that most of its vertices have just been computed by a page
+    without a graphics card. The fans of Sander, Nehab and Barczak, *Fast triangle reordering
     for vertex locality and reduced overdraw*, 2007, section 4.
     """
     if len(faces) == 0:
@@ -332,7 +332,7 @@ def mirrored(points: FloatArray, normals: FloatArray, faces: IntArray, axis: Flo
     rim = height.min()
     few = thinned(points, normals, BACK_SAGITTA)
     if few is not None:
-        at_rim = np.flatnonzero(height < rim + 1.5 * spacing_of(points))
+        at_rim = np.flatnonzero(height < rim + 0.8 * spacing_of(points))
         kept = np.union1d(few[0], at_rim)
         points, normals, height = points[kept], normals[kept], height[kept]
         star = _from_within(points, normals)

@@ -21,7 +21,7 @@ SHAPE_TOLERANCE = 2e-6
 """Nor are vertices that moved by less, m: a fifth of what the view promises."""
 SPARE = 64
 """Room for line segments grows and shrinks in such steps."""
-LEAST_PLACES = 16
+LEAST_PLACES = 12
 """Places that a colour of a ``PatchPool`` has at least."""
 OUT_OF_SIGHT = (0.0, 0.0, -1e4)
 """Where points wait that are not needed: far beyond what the camera sees, m."""
@@ -147,7 +147,7 @@ class PatchPool:
         known = len(self._table) == len(table) and np.array_equal(self._table, table)
         if not known or bool((count > self._room).any()):
             old = self._room if known else np.full(len(table), LEAST_PLACES)
-            self._room = np.where(count > old, 2 * count, old)
+            self._room = np.where(count > old, count + count // 2, old)
             self._table = table.copy()
             self._handle = None
             self._cloud = np.empty((int(self._room.sum()), 3), np.float32)

@@ -37,8 +37,8 @@ EMPTY = 0.02
 """A hand that presses with less holds nothing, N."""
 STAND_GOES = 0.4
 """The stand of an object lets go within so many seconds once the fingers hold it."""
-SOLVER_BUDGET = 4e-3
-"""Seconds for the solver in one step: an impact on a hard edge must not make the page wait."""
+STEP_SHARE = 0.8
+"""Of the time step: how long a step that must keep up with the clock may take. The rest is for whoever looks at it."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Play:
             stuff = Material.preset(self.options.material)
             friction = np.sqrt(stuff.friction * Material.preset("fingertip_pulp").friction)
             prepared = self._make(self.options, float(friction if self.options.friction is None else self.options.friction), stuff.density)
-        grasp = Grasp(self.options, taken=prepared, pedestal=PEDESTAL, time_budget=SOLVER_BUDGET)
+        grasp = Grasp(self.options, taken=prepared, pedestal=PEDESTAL, step_budget=STEP_SHARE * self.options.dt)
         self._prepared = grasp.taken  # surfaces are made once
         self.grasp, self.world, self.hand, self.object = grasp, grasp.world, grasp.hand, grasp.object
         self.grip = grasp.grip

@@ -23,8 +23,8 @@ EXTENT = 0.4
 """How far the grid goes each way, m."""
 CELL_COLOUR, SECTION_COLOUR = np.array([0.50, 0.52, 0.56]), np.array([0.22, 0.24, 0.28])
 """Of the lines, linear light."""
-HANDLE = 0.04
-"""Room in the picture for the gizmo above the palm, m."""
+HANDLE = 0.075
+"""Room in the picture for the gizmo above the palm, and for a lift, m."""
 LOCAL = ("127.0.0.1", "localhost", "::1")
 
 
@@ -77,7 +77,7 @@ def open_server(host: str, port: int, label: str) -> viser.ViserServer:
 def add_ground(server: viser.ViserServer, floor: float) -> None:
     """The ground grid at height ``floor``, m: cells of 20 mm, sections of 100 mm, fading with the distance from the middle."""
     ticks = np.round(np.arange(-EXTENT, EXTENT + 0.5 * GRID, GRID), 9)
-    knots = np.linspace(-EXTENT, EXTENT, 7)
+    knots = np.linspace(-EXTENT, EXTENT, 5)
     one, along = np.meshgrid(ticks, knots, indexing="ij")
     strong = np.isclose(np.round(one / SECTION) * SECTION, one)
     flat = np.zeros_like(one)

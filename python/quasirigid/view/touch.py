@@ -29,7 +29,9 @@ class Touch:
         self._grabbed: FloatArray | None = None
         self._held: set[str] = set()
         self._object: viser.MeshHandle | None = None
-        self._base = server.scene.add_transform_controls("/touch/base", scale=BASE_SCALE, line_width=2.5, depth_test=False, opacity=0.9)
+        self._base = server.scene.add_transform_controls(
+            "/touch/base", scale=BASE_SCALE, line_width=2.5, disable_sliders=True, depth_test=False, opacity=0.9
+        )
         self._fingers = [
             server.scene.add_transform_controls(
                 f"/touch/finger {i}", scale=FINGER_SCALE, disable_rotations=True, depth_test=False, opacity=0.9, visible=False

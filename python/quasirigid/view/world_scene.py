@@ -9,7 +9,7 @@ import numpy as np
 
 from quasirigid._quasirigid import Body, Hand, StepReport, World
 from quasirigid.errors import InvalidHandleError
-from quasirigid.palette import BONE, FINGER_COLOURS, GLASS, LINK_RADII, NAIL, PAD, PALM
+from quasirigid.palette import BONE, FINGER_COLOURS, GLASS, LINK_RADII, PAD, PALM
 from quasirigid.summary import conjugate, rotate
 from quasirigid.view.meshes import Mesh, joined, mirrored, tapered_capsule, triangulate
 from quasirigid.view.scene import BodyView, Colour, ContactsState, FloatArray, IntArray, Kind, Moved, SceneModel, SceneState
@@ -226,7 +226,7 @@ def _link_meshes(hand: Hand, finger: int, own: Colour) -> list[tuple[int, Mesh, 
         axle = np.array([0.0, 1.04 * start_radius, 0.0])
         parts.append((link, tapered_capsule(-axle, axle, KNUCKLE * start_radius, KNUCKLE * start_radius, around=12, caps=2), own, "joint"))
     points, normals = surface.points, surface.normals
-    parts.append((len(links) - 1, mirrored(points, normals, triangulate(points, normals), outwards), NAIL, "nail"))
+    parts.append((len(links) - 1, mirrored(points, normals, triangulate(points, normals), outwards), PAD, "nail"))
     return parts
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import socket
 import ssl
 import threading
 import time
@@ -97,6 +98,8 @@ class XrServer:
             self.address = ready.result()
         except OSError as error:
             self._thread.join()
+            if isinstance(error, socket.gaierror):
+                raise InvalidValueError("address to listen on", "one of this machine's", host, "127.0.0.1, or 0.0.0.0 for all") from None
             raise NetworkError(f"port {port} of {host}", "one that is free", error.strerror or str(error), "choose another port") from None
 
     # What a session asks for: a source of hands.
