@@ -10,6 +10,7 @@ from browser import open_page, picture, received, running_browser, wait_until
 from recorded import record_pinch
 
 from quasirigid.cli import main
+from quasirigid.summary import rotate
 from quasirigid.view import replay
 from quasirigid.view.replay import ReplayView, Timeline
 from quasirigid.view.scene import SceneState
@@ -75,18 +76,21 @@ def test_page_shows_the_state_of_the_recording(run: tuple[Path, list[SceneState]
             changed = (np.abs(picture(page) - before).max(axis=2) > 0.1).mean()
             assert changed > 0.003, f"{100 * changed:.2f} % of the picture changed"
             # What the page has been sent last is the live state of that step.
-            tips, worst = view.recording.model.fingertips(), 0.0
-            for tip in tips:
+            worst = 0.0
+            sent = [
+                m["updates"]["vertices"]
+                for m in messages[0]["all"]
+                if m.get("type") == "SceneNodeUpdateMessage" and m["name"] == "/hand/pads" and "vertices" in m["updates"]
+            ]
+            assert sent, "no vertices of the pads were sent"
+            pads = view._drawing._pads
+            assert pads is not None
+            for part, tip in enumerate(view.recording.model.fingertips()):
                 body, moved = view.recording.model.bodies[tip], states[249].moved[tip]
                 expected = body.points.copy()
                 expected[moved.indices] = moved.points
-                sent = [
-                    m["updates"]["vertices"]
-                    for m in messages[0]["all"]
-                    if m.get("type") == "SceneNodeUpdateMessage" and body.name.replace("/", " ") in m["name"] and "vertices" in m["updates"]
-                ]
-                assert sent, f"no vertices of {body.name} were sent"
-                worst = max(worst, float(np.abs(sent[-1].reshape(-1, 3) - expected).max()))
+                world = rotate(states[249].quaternions[tip], expected) + states[249].positions[tip]
+                worst = max(worst, float(np.abs(sent[-1].reshape(-1, 3)[pads.rows[part]] - world).max()))
             assert worst < 1e-5, f"deformation in the page off by {1e3 * worst:.4f} mm"
             page.get_by_role("button", name="›", exact=True).click()
             wait_until(lambda: view.step == 250, "one step on")
