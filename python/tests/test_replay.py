@@ -76,19 +76,21 @@ def test_page_shows_the_state_of_the_recording(run: tuple[Path, list[SceneState]
             changed = (np.abs(picture(page) - before).max(axis=2) > 0.1).mean()
             assert changed > 0.003, f"{100 * changed:.2f} % of the picture changed"
             # What the page has been sent last is the live state of that step.
+            worst = 0.0
             sent = [
                 m["updates"]["vertices"]
                 for m in messages[0]["all"]
                 if m.get("type") == "SceneNodeUpdateMessage" and m["name"] == "/hand/pads" and "vertices" in m["updates"]
             ]
-            assert sent, "the pads' vertices were sent"
-            pads, state, worst = sent[-1].reshape(-1, 3).astype(float), states[249], 0.0  # of all fingers, in world axes
-            assert view._drawing._pads is not None
-            for rows, tip in zip(view._drawing._pads.rows, view.recording.model.fingertips(), strict=True):
-                expected = view.recording.model.bodies[tip].points.copy()
-                expected[state.moved[tip].indices] = state.moved[tip].points
-                world = rotate(state.quaternions[tip], expected) + state.positions[tip]
-                worst = max(worst, float(np.abs(pads[rows] - world).max()))
+            assert sent, "no vertices of the pads were sent"
+            pads = view._drawing._pads
+            assert pads is not None
+            for part, tip in enumerate(view.recording.model.fingertips()):
+                body, moved = view.recording.model.bodies[tip], states[249].moved[tip]
+                expected = body.points.copy()
+                expected[moved.indices] = moved.points
+                world = rotate(states[249].quaternions[tip], expected) + states[249].positions[tip]
+                worst = max(worst, float(np.abs(sent[-1].reshape(-1, 3)[pads.rows[part]] - world).max()))
             assert worst < 1e-5, f"deformation in the page off by {1e3 * worst:.4f} mm"
             page.get_by_role("button", name="›", exact=True).click()
             wait_until(lambda: view.step == 250, "one step on")
