@@ -25,6 +25,7 @@ from quasirigid.grasp_options import GraspOptions
 from quasirigid.objects.sampling import sample_mesh
 from quasirigid.summary import rotate
 from quasirigid.view import words
+from quasirigid.view.detail import FAR, PadDetail
 from quasirigid.view.meshes import SAGITTA, in_drawing_order, is_convex, mirrored, tapered_capsule, thinned, triangulate
 from quasirigid.view.parts import OUT_OF_SIGHT, Joined, LinePool, PatchPool
 from quasirigid.view.play import BASE_SPEED, Play
@@ -526,3 +527,30 @@ def test_the_command_says_where_the_page_is_and_that_it_is_open_to_the_network(t
     wrong = subprocess.run([*command[:-1], "0"], capture_output=True, text=True, timeout=120, env=environment)
     assert wrong.returncode == 2
     assert wrong.stderr.count("\n") == 1, wrong.stderr
+
+
+def test_pads_have_all_their_triangles_where_they_yield_and_few_elsewhere() -> None:
+    play = Play(OPTIONS)
+    model = play.scene.model
+    body = model.bodies[model.fingertips()[0]]
+    detail = PadDetail(body)
+    at_rest = len(detail.faces)
+    assert at_rest < 0.3 * len(body.faces), f"{at_rest} of {len(body.faces)} triangles at rest"
+    mesh = trimesh.Trimesh(body.points, detail.faces, process=False)
+    # A pad is convex: how deep a point is, is its distance to the nearest of the planes.
+    depth = -(mesh.face_normals @ body.points.T - np.einsum("ij,ij->i", mesh.face_normals, mesh.triangles[:, 0])[:, None]).max(axis=0)
+    assert depth.max() < 1.2 * FAR, f"{1e3 * depth.max():.3f} mm from the triangles"
+    top = body.points[(body.points @ body.normals.mean(axis=0)).argmax()]
+    for radius in (1e-3, 2e-3, 4e-3):
+        near = np.flatnonzero(np.linalg.norm(body.points - top, axis=1) < radius)
+        moved = Moved(near, body.points[near] - 2e-4 * body.normals[near])
+        detail.follow(moved)
+        yielded = body.points.copy()
+        yielded[near] = moved.points
+        # Every point that yields is a corner of a triangle, so the page shows it where it is.
+        missing = np.setdiff1d(near, detail.faces)
+        assert len(missing) == 0, f"{len(missing)} of {len(near)} points that yield have no triangle"
+        assert len(detail.faces) < len(body.faces)
+    assert not detail.follow(moved), "nothing has changed"
+    assert detail.follow(None)
+    assert len(detail.faces) == at_rest

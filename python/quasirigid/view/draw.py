@@ -13,6 +13,7 @@ import numpy.typing as npt
 import viser
 
 from quasirigid.palette import FINGER_COLOURS
+from quasirigid.view.detail import PadDetail
 from quasirigid.view.meshes import is_convex, spacing_of, thinned
 from quasirigid.view.parts import POSE_TOLERANCE, SHAPE_TOLERANCE, Joined, LinePool, PatchPool
 from quasirigid.view.pressure import SLIP, SLIP_COLOUR, STICK_COLOUR, Scale, alike, colour_map, matrix_of, pressure_at, rgb, world_patch
@@ -30,8 +31,8 @@ FLAT_NORMALS = 1e-3
 """A support whose normals differ by less is a plane."""
 GROUND, GROUND_LIT = np.array([0.895, 0.905, 0.915], np.float32), (0.99, 0.995, 1.0)
 """Of plane supports: in linear light, and the colour that looks so in the light of the page."""
-SEEN_STROKE = 0.03
-"""Forces under this share of the largest would be strokes shorter than a pixel."""
+SEEN_STROKE = 0.05
+"""Forces under this share of the largest would be strokes of a pixel or two."""
 OLDEST = 2
 """States after which colours that are put off are worked out again: 12 times a second."""
 OPAQUE = 0.999
@@ -107,6 +108,7 @@ class SceneDrawing:
         self._shown: SceneState | None = None
         self._tips = model.fingertips()
         pads = [model.bodies[tip] for tip in self._tips]
+        self._details: list[PadDetail] = []
         with server.atomic():
             for i, body in enumerate(model.bodies):
                 if len(body.faces) and body.kind in ("object", "support"):
@@ -118,6 +120,8 @@ class SceneDrawing:
                 self._hand.append(Joined(server, f"/hand/{name}", parts, colour))
             if pads:
                 self._pads = self._hand[0]
+                self._details = [PadDetail(pad) for pad in pads]
+                self._pads.retriangulate({part: detail.faces for part, detail in enumerate(self._details)})
         self._patches = PatchPool(server, "/hand/patches", 1.7 * spacing_of(pads[0].points) if pads else 1e-3)
         self._contact_lines = LinePool(server, "/forces/contacts", 1.2)
         self._sum_lines = LinePool(server, "/forces/fingers", 4.0)
@@ -197,9 +201,12 @@ class SceneDrawing:
                 if changed[index]:
                     frame.position, frame.wxyz = state.positions[index], state.quaternions[index]
             self._shapes(state, exact=exact)
-            for part, tip in enumerate(self._tips):
-                if self._pads is not None:
+            if self._pads is not None:
+                for part, tip in enumerate(self._tips):
                     self._pads.deform(part, state.moved.get(tip))
+                changed_pads = [i for i, tip in enumerate(self._tips) if self._details[i].follow(state.moved.get(tip))]
+                if changed_pads:
+                    self._pads.retriangulate({i: self._details[i].faces for i in changed_pads})
             moved = [group.place(state.positions, turns, changed) for group in self._hand]
             other = self._shown is None or not alike(self._shown, state)
             if other:

@@ -13,7 +13,7 @@ from quasirigid.view.scene import FloatArray, IntArray
 
 SAGITTA = 5e-5
 """How far a thinned mesh may be from the surface, m."""
-BACK_SAGITTA = 2e-4
+BACK_SAGITTA = 4e-4
 """The same for the backs of pads, which are decoration, m."""
 PLANE = 0.02
 """A plane part of a surface has at least this share of its points."""
@@ -216,6 +216,16 @@ def thinned(points: FloatArray, normals: FloatArray, sagitta: float = SAGITTA) -
     return None if faces is None else (kept, faces)
 
 
+def in_bands(points: FloatArray, faces: IntArray) -> IntArray:
+    """The same triangles (m, 3) in bands across the surface, two triangles wide: as ``in_drawing_order``, not quite as good and at once."""
+    _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    middles = points[faces].mean(axis=1) @ axes[:2].T
+    width = 2.0 * np.sqrt(np.ptp(middles, axis=0).prod() / max(1, len(faces)))
+    band = np.floor(middles[:, 1] / max(float(width), 1e-12))
+    ordered: IntArray = faces[np.lexsort((middles[:, 0], band))]
+    return ordered
+
+
 def is_convex(points: FloatArray, faces: IntArray) -> bool:
     """Whether a closed mesh of ``points`` (n, 3) and triangles (m, 3) has no dents to speak of: it fills its convex hull to ``FULL``."""
     try:
@@ -277,7 +287,7 @@ Mesh = tuple[FloatArray, FloatArray, IntArray]
 """Points, normals, faces."""
 
 
-def tapered_capsule(start: FloatArray, end: FloatArray, start_radius: float, end_radius: float, *, around: int = 16, caps: int = 3) -> Mesh:
+def tapered_capsule(start: FloatArray, end: FloatArray, start_radius: float, end_radius: float, *, around: int = 12, caps: int = 3) -> Mesh:
     """A tube with round ends from ``start`` to ``end`` (3,) m, its radius (m) going from one to the other, of ``around`` sides and with
     ``caps`` rings from an end's pole to the tube.
     """
@@ -323,21 +333,43 @@ def _closes_rim(points: FloatArray, faces: IntArray, axis: FloatArray) -> npt.ND
     return closing
 
 
+def few_points(points: FloatArray, normals: FloatArray, sagitta: float = SAGITTA) -> IntArray:
+    """Points (k,) of a curved surface through which a mesh is within ``sagitta`` of it, m, and all those at its rim if it is open."""
+    kept = _apart_enough(points, normals, sagitta)
+    mean = normals.mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    if length < CLOSED:
+        return kept
+    height = points @ (mean / length)
+    return np.union1d(kept, np.flatnonzero(height < height.min() + 0.8 * spacing_of(points)))
+
+
+def open_mesh(points: FloatArray, normals: FloatArray, kept: IntArray) -> IntArray | None:
+    """Triangles (m, 3) of ``points``, through the points ``kept`` (k,) alone, of a surface that is closed or open at a rim, all of which is
+    kept. ``None`` if it is not seen whole from within.
+    """
+    faces = _from_within(points[kept], normals[kept])
+    if faces is None:
+        return None
+    mean = normals.mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    if length >= CLOSED:
+        faces = faces[~_closes_rim(points[kept], faces, mean / length)]
+    return kept[faces]
+
+
 def mirrored(points: FloatArray, normals: FloatArray, faces: IntArray, axis: FloatArray, *, thickness: float = 0.75) -> Mesh:
     """The back of a pad: its mirror image in the plane of its rim, ``thickness`` times as thick. ``axis`` (3,) points out of the pad.
 
     It does not yield, and is made of fewer triangles.
     """
-    height = points @ axis
-    rim = height.min()
-    few = thinned(points, normals, BACK_SAGITTA)
+    rim = float((points @ axis).min())
+    kept = few_points(points, normals, BACK_SAGITTA)
+    few = open_mesh(points, normals, kept)
     if few is not None:
-        at_rim = np.flatnonzero(height < rim + 0.8 * spacing_of(points))
-        kept = np.union1d(few[0], at_rim)
-        points, normals, height = points[kept], normals[kept], height[kept]
-        star = _from_within(points, normals)
-        assert star is not None
-        faces = star[~_closes_rim(points, star, axis)]
+        used, places = np.unique(few.ravel(), return_inverse=True)
+        points, normals, faces = points[used], normals[used], np.asarray(places, dtype=np.int64).reshape(-1, 3)
+    height = points @ axis
     back = points - np.outer((1.0 + thickness) * (height - rim), axis)
     along = normals @ axis
     turned = normals - np.outer(along * (1.0 + 1.0 / thickness), axis)

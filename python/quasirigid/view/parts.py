@@ -6,7 +6,7 @@ one mesh, line segments keep little spare room, and points keep their colours an
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,7 @@ POSE_TOLERANCE = 1e-6
 """Poses that changed by less (m, and without unit for quaternions) are not sent again."""
 SHAPE_TOLERANCE = 2e-6
 """Nor are vertices that moved by less, m: a fifth of what the view promises."""
-SPARE = 64
+SPARE = 32
 """Room for line segments grows and shrinks in such steps."""
 LEAST_PLACES = 12
 """Places that a colour of a ``PatchPool`` has at least."""
@@ -40,7 +40,8 @@ class Joined:
         self.rows: list[IntArray] = []
         """Which vertex of the mesh every point of a part is: vertices are numbered as they are drawn."""
         self._slices: list[slice] = []
-        rest, faces, end = [], [], 0
+        rest, end = [], 0
+        self._faces: list[IntArray] = []
         for _, points, triangles in parts:
             ordered = in_drawing_order(triangles, len(points))
             used, first = np.unique(ordered, return_index=True)
@@ -48,7 +49,7 @@ class Joined:
             rows = np.empty(len(points), np.int64)
             rows[order] = end + np.arange(len(points))
             rest.append(points[order])
-            faces.append(rows[ordered])
+            self._faces.append(rows[ordered])
             self.rows.append(rows)
             self._slices.append(slice(end, end + len(points)))
             end += len(points)
@@ -58,7 +59,7 @@ class Joined:
         self.world = self._rest.copy()
         """Where the vertices are, (n, 3) m."""
         self.handle = server.scene.add_mesh_simple(
-            name, self._rest, np.concatenate(faces).astype(np.uint32), color=colour, cast_shadow=False, receive_shadow=False
+            name, self._rest, np.concatenate(self._faces).astype(np.uint32), color=colour, cast_shadow=False, receive_shadow=False
         )
 
     def deform(self, part: int, moved: Moved | None) -> None:
@@ -70,6 +71,12 @@ class Joined:
         if np.abs(shape - self._local[where]).max() > SHAPE_TOLERANCE:
             self._local[where] = shape
             self._stale = True
+
+    def retriangulate(self, parts: Mapping[int, IntArray]) -> None:
+        """Other triangles (m, 3) of their points for some parts, in the order in which they shall be drawn."""
+        for part, faces in parts.items():
+            self._faces[part] = self.rows[part][faces]
+        self.handle.faces = np.concatenate(self._faces).astype(np.uint32)
 
     def place(self, positions: FloatArray, turns: FloatArray, changed: npt.NDArray[np.bool_]) -> bool:
         """Sends the vertices if a body has moved or yielded, and says whether.

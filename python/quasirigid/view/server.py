@@ -22,12 +22,12 @@ from quasirigid.view.scene import SceneState
 from quasirigid.view.session import Frame, Session
 from quasirigid.view.stage import LOCAL, PORT, add_ground, close_server, open_server, place_camera
 from quasirigid.view.tactile import Tactile
-from quasirigid.view.touch import Touch
+from quasirigid.view.touch import HANDLES, Touch
 
-RATE = 36.0
+RATE = 34.0
 """Updates of the page per second, at most."""
 SLOW_RATE = 4.0
-"""Pictures, figures, and plots one after another, per second: in a page without a graphics card each costs as much as the whole scene."""
+"""Per second, the picture of the sensors or, in turn with it, figures and one of the plots: in a page without a graphics card each costs as much as the whole scene."""
 LEFT_WIDTH = 300
 """Of the panel with the plots, px."""
 
@@ -64,13 +64,14 @@ class LiveView:
         """CPU time of the drawing thread in them, s."""
         _, frame = self.session.newest()
         self._layers = Layers()
-        self._gizmos = {"base": True, "fingers": False}
+        self._base_handle, self._finger_handles = HANDLES[0], False
         self._redraw = True
         self._drawing: SceneDrawing | None = None
         self._touch: Touch | None = None
         self._generation = -1
         self._scale_shown = -1.0
         self._slow_at = 0.0
+        self._turn = False
         self._drawn = -1
         gui = self.server.gui
         gui.set_panel_label("quasirigid")
@@ -79,15 +80,15 @@ class LiveView:
             self._control = ControlPanel(self.server, self.session, options)
         with tabs.add_tab("View"):
             ViewPanel(self.server, self._layers, self._layers_changed)
-            for name, text in (("base", "Handle of the hand"), ("fingers", "Handles of the fingertips")):
-                box = gui.add_checkbox(text, self._gizmos[name])
+            hand = gui.add_dropdown("Handle of the hand", HANDLES, initial_value=self._base_handle)
+            fingers = gui.add_checkbox("Handles of the fingertips", self._finger_handles)
 
-                def toggle(event: viser.GuiEvent[Any], name: str = name) -> None:
-                    self._gizmos[name] = bool(event.target.value)
-                    if self._touch is not None:
-                        self._touch.show(**self._gizmos)
+            def choose(_: viser.GuiEvent[Any]) -> None:
+                self._base_handle, self._finger_handles = hand.value, fingers.value
+                self._show_handles()
 
-                box.on_update(toggle)
+            hand.on_update(choose)
+            fingers.on_update(choose)
         left = gui.add_panel()
         with left.add_tab("Sensors"):
             self._legend = gui.add_html("")
@@ -110,6 +111,10 @@ class LiveView:
             self._thread.join(timeout=5.0)
         close_server(self.server)
 
+    def _show_handles(self) -> None:
+        if self._touch is not None:
+            self._touch.show(self._base_handle, self._finger_handles)
+
     def _layers_changed(self) -> None:
         self._redraw = True
 
@@ -124,7 +129,7 @@ class LiveView:
         self._drawing = SceneDrawing(self.server, frame.model, layers=self._layers)
         self._drawing.hurried = True
         self._touch = Touch(self.server, self.session, self._drawing, frame)
-        self._touch.show(**self._gizmos)
+        self._show_handles()
         self._tactile = Tactile(frame.model)
         self._pictured: tuple[SceneState, float] | None = None
         self._drawing.draw(frame.state)
@@ -162,16 +167,25 @@ class LiveView:
             self._slow(frame)
 
     def _slow(self, frame: Frame) -> None:
-        """What need not be shown at every update."""
+        """What need not be shown at every update: the picture and the rest in turn, all of it of a state that stays."""
         assert self._drawing is not None
         scale = self._drawing.scale.top
-        self._control.show(frame)
+        self._turn = not self._turn
         if scale != self._scale_shown:
             self._scale_shown = scale
             self._legend.content = words.legend(scale)
-        if self._pictured is None or self._pictured[1] != scale or not alike(self._pictured[0], frame.state):
-            self._pictured = (frame.state, scale)
-            self._picture.image = self._tactile.picture(frame.state, scale)
+        if self._turn or not frame.running:
+            self._show_picture(frame.state, scale)
+        if not self._turn or not frame.running:
+            self._show_figures(frame)
+
+    def _show_picture(self, state: SceneState, scale: float) -> None:
+        if self._pictured is None or self._pictured[1] != scale or not alike(self._pictured[0], state):
+            self._pictured = (state, scale)
+            self._picture.image = self._tactile.picture(state, scale)
+
+    def _show_figures(self, frame: Frame) -> None:
+        self._control.show(frame)
         samples = list(self.session.samples)
         self._curves.show(
             [s.time for s in samples],

@@ -18,7 +18,7 @@ from quasirigid.summary import FloatArray
 from quasirigid.view.play import Figures, Play
 from quasirigid.view.scene import SceneModel, SceneState
 
-STATES = 60.0
+STATES = 40.0
 """States taken per second of wall clock, at most."""
 BEHIND = 0.05
 """Later than this (s), the simulation gives up catching up and goes on in slow motion."""

@@ -19,7 +19,7 @@ TRIES = 50
 """Ports that are tried, one after another, when the first is in use."""
 GRID, SECTION = 0.02, 0.1
 """Width of the ground grid's cells, and of sections with stronger lines, m."""
-EXTENT = 0.4
+EXTENT = 0.3
 """How far the grid goes each way, m."""
 CELL_COLOUR, SECTION_COLOUR = np.array([0.50, 0.52, 0.56]), np.array([0.22, 0.24, 0.28])
 """Of the lines, linear light."""
@@ -67,17 +67,16 @@ def open_server(host: str, port: int, label: str) -> viser.ViserServer:
     server.scene.set_up_direction("+z")
     server.scene.configure_default_lights(enabled=False)
     server.scene.configure_environment_map(None)
-    # A key light from above left, a fill light, and an ambient one that is sky above and warm floor below.
-    server.scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(176, 168, 158), intensity=1.6)
+    # A key light from above left, and an ambient one that is sky above and warm floor below. Every light more costs a page without a graphics card a frame a second.
+    server.scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(176, 168, 158), intensity=1.8)
     server.scene.add_light_directional("/light/key", intensity=2.0, position=(0.6, -0.8, 1.2))
-    server.scene.add_light_directional("/light/fill", intensity=0.7, position=(-0.9, 0.5, 0.4))
     return server
 
 
 def add_ground(server: viser.ViserServer, floor: float) -> None:
     """The ground grid at height ``floor``, m: cells of 20 mm, sections of 100 mm, fading with the distance from the middle."""
     ticks = np.round(np.arange(-EXTENT, EXTENT + 0.5 * GRID, GRID), 9)
-    knots = np.linspace(-EXTENT, EXTENT, 5)
+    knots = np.linspace(-EXTENT, EXTENT, 3)
     one, along = np.meshgrid(ticks, knots, indexing="ij")
     strong = np.isclose(np.round(one / SECTION) * SECTION, one)
     flat = np.zeros_like(one)

@@ -18,6 +18,8 @@ ABOVE = 0.035
 """The base's gizmo sits so far above the palm, where nothing hides it, m."""
 BACK = 0.03
 """A fingertip's gizmo sits so far behind its pad, m."""
+HANDLES = ("move and turn", "move", "turn", "none")
+"""What the handle of the hand does. Its arcs cost a page without a graphics card up to two frames in fifteen."""
 
 
 class Touch:
@@ -52,9 +54,10 @@ class Touch:
         for gizmo in (self._base, *self._fingers):
             gizmo.remove()
 
-    def show(self, base: bool, fingers: bool) -> None:
-        """Which gizmos are there. With those of the fingertips the object cannot be dragged: the mouse would meet it before arrows that point at it."""
-        self._base.visible = base
+    def show(self, base: str, fingers: bool) -> None:
+        """Which gizmos are there: ``base`` is one of ``HANDLES``. With those of the fingertips the object cannot be dragged: the mouse would meet it before arrows that point at it."""
+        self._base.visible = base != "none"
+        self._base.disable_axes, self._base.disable_rotations = base == "turn", base == "move"
         for gizmo in self._fingers:
             gizmo.visible = fingers
         if self._object is not None:
