@@ -15,6 +15,7 @@ from websockets.http11 import Request, Response
 from quasirigid.errors import InvalidValueError, NetworkError
 from quasirigid.mocap.feedback import RATE, TARGETS, JsonSink, Raster, is_port
 from quasirigid.mocap.look import Look
+from quasirigid.serving import run_server
 from quasirigid.webxr.pages import named_locally
 
 LISTENERS = 32
@@ -83,13 +84,7 @@ class WebsocketFeedback:
             news.set()
 
     def _run(self, port: int, ready: Future[tuple[str, int]]) -> None:
-        asyncio.set_event_loop(self._loop)
-        try:
-            self._loop.run_until_complete(self._serve(port, ready))
-        except OSError as error:
-            ready.set_exception(error)
-        finally:
-            self._loop.close()
+        run_server(self._loop, self._serve(port, ready), ready)
 
     async def _serve(self, port: int, ready: Future[tuple[str, int]]) -> None:
         quiet = logging.getLogger("quasirigid.feedback")

@@ -23,6 +23,7 @@ from websockets.http11 import Request, Response
 
 from quasirigid._quasirigid import HandFrame
 from quasirigid.errors import InvalidValueError, NetworkError, PacketError
+from quasirigid.serving import run_server
 from quasirigid.view.scene import SceneModel, SceneState
 from quasirigid.webxr.joints import JOINTS, Side, hand_frame
 from quasirigid.webxr.messages import HANDS_SIZE, TEXT_LIMIT, read_hands, read_recentre
@@ -188,13 +189,7 @@ class XrServer:
     # The thread.
 
     def _run(self, port: int, ready: Future[tuple[str, int]]) -> None:
-        asyncio.set_event_loop(self._loop)
-        try:
-            self._loop.run_until_complete(self._serve(port, ready))
-        except OSError as error:
-            ready.set_exception(error)
-        finally:
-            self._loop.close()
+        run_server(self._loop, self._serve(port, ready), ready)
 
     async def _serve(self, port: int, ready: Future[tuple[str, int]]) -> None:
         quiet = logging.getLogger("quasirigid.webxr")
