@@ -86,6 +86,10 @@ impl Coupling {
     }
 }
 
+/// Coupled nodes are kept until the bodies have moved by this many spacings of the coarser control points, if that is more than [`Parameters::traversal_slack`]:
+/// beside spheres of that size the few nodes more that are found are no work.
+const SLACK_SPACINGS: Real = 0.1;
+
 /// Turned by more than this against each other, other points of two surfaces may face each other, rad.
 const TURNED: Real = 0.02;
 
@@ -126,7 +130,8 @@ pub(super) fn traverse(out: &mut Traversal, pair: &mut Pair, bodies: &[BodyEntry
     if needed + moved <= coupling.margin && (coupling.searched || !coupling.deep) {
         return;
     }
-    (coupling.margin, coupling.searched, coupling.found, coupling.quiet) = (needed + params.traversal_slack, coupling.deep, now, None);
+    let slack = params.traversal_slack.max(SLACK_SPACINGS * skin_a.surface.control.spacing.max(skin_b.surface.control.spacing));
+    (coupling.margin, coupling.searched, coupling.found, coupling.quiet) = (needed + slack, coupling.deep, now, None);
     couple(out, pair, skin_a, skin_b);
     let turned = pair.coupling.faced.angle_to(&now.pose_ba.rotation) > TURNED;
     if turned {
@@ -148,6 +153,7 @@ fn couple(out: &mut Traversal, pair: &mut Pair, skin_a: &Skin, skin_b: &Skin) {
     coupling.coupled.clear();
     let out_coupled = &mut coupling.coupled;
     let (mut coarse, mut tests) = (false, 0);
+    let mut apart = Real::INFINITY;
     out.queue.clear();
     out.queue.push((0, 0));
     let mut next = 0;
@@ -163,7 +169,9 @@ fn couple(out: &mut Traversal, pair: &mut Pair, skin_a: &Skin, skin_b: &Skin) {
         let (sphere_a, sphere_b) = (&skin_a.spheres[na as usize], &skin_b.spheres[nb as usize]);
         let center_a = turn * sphere_a.center + shift;
         let touching = sphere_a.radius + sphere_b.radius + margin;
-        if (center_a - sphere_b.center).norm_squared() > touching * touching {
+        let distance2 = (center_a - sphere_b.center).norm_squared();
+        if distance2 > touching * touching {
+            apart = apart.min(distance2.sqrt() - touching);
             continue;
         }
         let (node_a, node_b) = (&tree_a.nodes[na as usize], &tree_b.nodes[nb as usize]);
@@ -203,6 +211,10 @@ fn couple(out: &mut Traversal, pair: &mut Pair, skin_a: &Skin, skin_b: &Skin) {
         // Near, and no surface near the other: apart, or one inside the other.
         coupling.deep = deep::depth_inside(&mut out.stack, &skin_b.surface, &place(0).0).is_some();
         coupling.searched = coupling.deep;
+        if !coupling.deep {
+            // Nothing can overlap before they are nearer by what parts the nearest two spheres that were looked at.
+            coupling.margin += apart;
+        }
     }
     if coupling.deep {
         coupling.deep = deep::couple_swallowed(&mut out.stack, &mut coupling.coupled, &tree_a.leaves, &skin_b.surface, place);
