@@ -127,20 +127,23 @@ pub(super) fn traverse(out: &mut Traversal, pair: &mut Pair, bodies: &[BodyEntry
     let needed = params.contact_margin + reach[pair.a as usize] + reach[pair.b as usize];
     let coupling = &mut pair.coupling;
     let moved = now.moved_since(&coupling.found, &skin_a.spheres[0]);
+    let turned = coupling.faced.angle_to(&now.pose_ba.rotation) > TURNED;
+    if turned {
+        (coupling.faced, coupling.quiet) = (now.pose_ba.rotation, None);
+        for c in &coupling.coupled {
+            pair.remembered[c.control_point as usize].turned();
+        }
+    }
     if needed + moved <= coupling.margin && (coupling.searched || !coupling.deep) {
         return;
     }
     let slack = params.traversal_slack.max(SLACK_SPACINGS * skin_a.surface.control.spacing.max(skin_b.surface.control.spacing));
     (coupling.margin, coupling.searched, coupling.found, coupling.quiet) = (needed + slack, coupling.deep, now, None);
     couple(out, pair, skin_a, skin_b);
-    let turned = pair.coupling.faced.angle_to(&now.pose_ba.rotation) > TURNED;
-    if turned {
-        pair.coupling.faced = now.pose_ba.rotation;
-    }
     for group in pair.coupling.coupled.chunk_by(|c, d| c.control_point == d.control_point) {
         // FNV-1a over the leaves; 0 stands for none.
         let leaves = group.iter().fold(0x811c_9dc5, |hash: u32, c| (hash ^ c.node_b).wrapping_mul(0x0100_0193));
-        pair.remembered[group[0].control_point as usize].coupled_anew(leaves.max(1), turned);
+        pair.remembered[group[0].control_point as usize].coupled_anew(leaves.max(1));
     }
 }
 
