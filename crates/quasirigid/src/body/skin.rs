@@ -144,21 +144,22 @@ impl Skin {
         for &leaf in &self.dirty_leaves {
             let index = self.surface.tree.leaves[leaf as usize];
             let node = &self.surface.tree.nodes[index as usize];
-            let (mut shift, mut spread): (Vec3, Real) = (Vec3::zeros(), 0.0);
+            let (mut shift, mut spread2): (Vec3, Real) = (Vec3::zeros(), 0.0);
             for k in node.points() {
                 let mut u = Vec3::zeros();
-                for e in self.surface.interpolation.range(k) {
-                    let weight = Real::from(self.surface.interpolation_weights[e]);
-                    u += self.shown[self.surface.interpolation.index[e] as usize] * weight;
+                let entries = self.surface.interpolation.range(k);
+                let weights = &self.surface.interpolation_weights[entries.clone()];
+                for (&control_point, &weight) in self.surface.interpolation.index[entries].iter().zip(weights) {
+                    u += self.shown[control_point as usize] * Real::from(weight);
                 }
                 self.deformed[k] = self.surface.points[k] + u;
                 shift += u;
             }
             let center = node.center + shift / node.point_count as Real;
-            for k in node.points() {
-                spread = spread.max((self.deformed[k] - center).norm());
+            for p in &self.deformed[node.points()] {
+                spread2 = spread2.max((p - center).norm_squared());
             }
-            let radius = spread + self.surface.leaf_gaps[leaf as usize];
+            let radius = spread2.sqrt() + self.surface.leaf_gaps[leaf as usize];
             let before = std::mem::replace(&mut self.spheres[index as usize], Sphere { center, radius });
             farthest = farthest.max((center - before.center).norm() + (radius - before.radius).max(0.0));
             mark_up(&self.surface, index, self.mark, params.refit_level, &mut self.node_mark, &mut self.dirty_nodes);
