@@ -8,6 +8,7 @@ use crate::body::{BodyEntry, Skin, Sphere};
 use crate::math::{Mat3, Pose, Real, Rot, Vec3};
 use crate::params::Parameters;
 use nalgebra::Point3;
+use std::time::{Duration, Instant};
 
 /// A node of `a` and a leaf of `b` that overlap.
 #[derive(Debug, Clone, Copy)]
@@ -68,7 +69,7 @@ impl Coupling {
     /// Whether no control point can have become a contact, though the free motion may take the two nearer to each other by `approach`, m.
     pub(super) fn is_quiet(&mut self, a: u32, b: u32, bodies: &[BodyEntry], approach: Real) -> bool {
         let (Some((since, reach)), Some(skin_a)) = (&self.quiet, bodies[a as usize].active_skin()) else { return false };
-        let quiet = Moment::now(a, b, bodies).moved_since(since, &skin_a.spheres[0]) + approach <= *reach;
+        let quiet = Moment::now(a, b, bodies).moved_since(since, &skin_a.bounding_sphere()) + approach <= *reach;
         if !quiet {
             self.quiet = None;
         }
@@ -106,6 +107,8 @@ pub(super) struct Traversal {
     pub coarse: bool,
     /// Sphere tests that each pair may spend.
     share: usize,
+    /// Time in which spheres were refitted.
+    pub refit_time: Duration,
     queue: Vec<(u32, u32)>,
     stack: Vec<u32>,
 }
@@ -113,20 +116,19 @@ pub(super) struct Traversal {
 impl Traversal {
     /// Starts a step in which `pairs` may have to be traversed.
     pub fn start(&mut self, pairs: usize, budget: usize) {
-        self.coarse = false;
+        (self.coarse, self.refit_time) = (false, Duration::ZERO);
         self.share = (budget / pairs.max(1)).max(LEAST);
     }
 }
 
-/// Finds the coupled nodes of one pair, unless those found before still hold: while the two have moved less than the slack they were inflated by,
+/// Finds the coupled nodes of one pair, among spheres that are refitted first, unless those found before still hold: while the two have moved less than the slack they were inflated by,
 /// whatever overlaps now is among them.
-pub(super) fn traverse(out: &mut Traversal, pair: &mut Pair, bodies: &[BodyEntry], reach: &[Real], params: &Parameters) {
-    let (entry_a, entry_b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
-    let (Some(skin_a), Some(skin_b)) = (entry_a.active_skin(), entry_b.active_skin()) else { return };
+pub(super) fn traverse(out: &mut Traversal, pair: &mut Pair, bodies: &mut [BodyEntry], reach: &[Real], params: &Parameters) {
+    let Some(root_a) = bodies[pair.a as usize].active_skin().map(Skin::bounding_sphere) else { return };
     let now = Moment::now(pair.a, pair.b, bodies);
     let needed = params.contact_margin + reach[pair.a as usize] + reach[pair.b as usize];
     let coupling = &mut pair.coupling;
-    let moved = now.moved_since(&coupling.found, &skin_a.spheres[0]);
+    let moved = now.moved_since(&coupling.found, &root_a);
     let turned = coupling.faced.angle_to(&now.pose_ba.rotation) > TURNED;
     if turned {
         (coupling.faced, coupling.quiet) = (now.pose_ba.rotation, None);
@@ -137,6 +139,14 @@ pub(super) fn traverse(out: &mut Traversal, pair: &mut Pair, bodies: &[BodyEntry
     if needed + moved <= coupling.margin && (coupling.searched || !coupling.deep) {
         return;
     }
+    let start = Instant::now();
+    for body in [pair.a, pair.b] {
+        if let Some(skin) = &mut bodies[body as usize].skin {
+            skin.refit(params);
+        }
+    }
+    out.refit_time += start.elapsed();
+    let (Some(skin_a), Some(skin_b)) = (bodies[pair.a as usize].active_skin(), bodies[pair.b as usize].active_skin()) else { return };
     let slack = params.traversal_slack.max(SLACK_SPACINGS * skin_a.surface.control.spacing.max(skin_b.surface.control.spacing));
     (coupling.margin, coupling.searched, coupling.found, coupling.quiet) = (needed + slack, coupling.deep, now, None);
     couple(out, pair, skin_a, skin_b);
