@@ -573,7 +573,7 @@ class StepReport:
     @property
     def part_times(self) -> dict[str, float]:
         """Seconds of parts of stages: ``traverse`` and ``interpenetration`` of collision, ``w_rigid`` and ``w_deform`` of
-        the contact problem, ``hierarchy_update`` of the constrained motion.
+        the contact problem, ``hierarchy_update`` of the constrained motion and, where spheres are refitted, of collision.
         """
     @property
     def step_time(self) -> float:

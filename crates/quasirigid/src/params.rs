@@ -44,7 +44,7 @@ pub struct Parameters {
     /// Spheres are refitted after deformation up to this level of the tree, 0 being the root; nodes above are inflated by the largest displacement instead.
     /// Default 6. Higher saves time, and makes the upper spheres looser.
     pub refit_level: u32,
-    /// Surface points follow their control points, and spheres are refitted, when an elastic displacement has changed by more than this, m. Default 1e-7.
+    /// Surface points and spheres follow a control point when its elastic displacement has changed by more than this, m. Default 1e-7.
     /// The control points keep the exact value.
     pub deformation_threshold: Real,
     /// Where two surfaces meet and the one with the coarser control points is more than this many times stiffer, it counts as rigid: what it would yield is a
