@@ -110,6 +110,11 @@ impl Body {
     }
 
     #[getter]
+    fn quarantined(&self, py: Python<'_>) -> PyResult<bool> {
+        self.world.get().lock(py).entry(self.handle).map(|entry| entry.quarantined).or_raise(py)
+    }
+
+    #[getter]
     fn position<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
         let position = self.read(py, |body| body.pose().translation.vector)?;
         Ok(conv::from_vec3(py, &position))

@@ -48,7 +48,7 @@ pub struct Skin {
     node_mark: Vec<u64>,
     dirty_nodes: Vec<u32>,
     mark: u64,
-    inflation: Real,
+    inflation: (Real, u32),
     /// Sum over all steps of the farthest that any point moved, m: what remembers where the surface was compares with this.
     pub travel: Real,
     /// `travel` at the last refit.
@@ -82,7 +82,7 @@ impl Skin {
             node_mark: vec![0; surface.tree.nodes.len()],
             dirty_nodes: Vec::with_capacity(surface.tree.nodes.len()),
             mark: 0,
-            inflation: 0.0,
+            inflation: (0.0, 0),
             travel: 0.0,
             fitted: 0.0,
             surface,
@@ -284,8 +284,8 @@ impl Skin {
                 self.spheres[index as usize] = Sphere { center, radius };
             }
         }
-        if largest != self.inflation {
-            self.inflation = largest;
+        if (largest, refit_level) != self.inflation {
+            self.inflation = (largest, refit_level);
             let tree = &self.surface.tree;
             for (node, sphere) in tree.nodes.iter().zip(&mut self.spheres).take_while(|(n, _)| n.level < refit_level) {
                 if node.children.is_some() {

@@ -228,8 +228,7 @@ impl<'a> View<'a> {
         let pose_ba: Pose = pose_b.inverse() * pose_a;
         let matrix = |pose: &Pose| pose.rotation.to_rotation_matrix().into_inner();
         let (turn_b, shift_b) = (matrix(&pose_b), pose_b.translation.vector);
-        let (free_a, free_b) = (&free[pair.a as usize], &free[pair.b as usize]);
-        let approach = |point: &Vec3| turn_b.tr_mul(&(a.free_displacement(free_a, point) - b.free_displacement(free_b, point)));
+        let approach = |point: &Vec3| turn_b.tr_mul(&pair.free_displacement(bodies, free, point));
         let drift = approach(&shift_b);
         let axis = |k: usize| approach(&(shift_b + turn_b.column(k))) - drift;
         Some(Self {
