@@ -345,6 +345,33 @@ fn a_lost_finger_goes_with_the_palm_and_keeps_its_weight_for_a_while() {
     assert!(worst < 2e-3, "{worst} m off the place where a rigid hand has it");
 }
 
+/// The first frame that sees a finger again, with two lost packets behind it.
+#[test]
+fn a_finger_that_was_seen_again_but_once_goes_on_with_the_palm() {
+    for rate in [30.0, 60.0] {
+        let mut tracker = HandTracker::new(Side::Right, Pose::identity(), TrackingOptions::default()).unwrap();
+        let (mut next, mut worst) = (0, 0.0f64);
+        for k in 0..2000 {
+            let now = k as f64 * STEP;
+            while next as f64 / rate + 0.004 <= now {
+                let t = next as f64 / rate;
+                let lost: &[usize] = if (1.2..1.4).contains(&t) { &[1] } else { &[] };
+                let since_seen = next as i64 - (1.4 * rate).ceil() as i64;
+                if !(1..=2).contains(&since_seen) {
+                    tracker.push(&HandFrame { arrival: t + 0.004, ..hand_at(t, lost) }).unwrap();
+                }
+                next += 1;
+            }
+            let Some(targets) = tracker.sample(now).filter(|_| now > 0.5) else { continue };
+            // The finger and the palm both run on, and together.
+            let apart = targets.palm.unwrap().pose.inv_mul(&targets.fingers[1].unwrap().pose);
+            worst = worst.max(step_between(&apart, &tip_in_palm(1)).0);
+        }
+        println!("{rate} Hz: {:.2} mm from its place in the hand", 1e3 * worst);
+        assert!(worst < 3e-3, "{rate} Hz: {worst} m from its place in the hand");
+    }
+}
+
 #[test]
 fn a_long_loss_fades_out_and_comes_back_smoothly() {
     let options = TrackingOptions { hold: 0.3, fade: 0.2, ..TrackingOptions::default() };

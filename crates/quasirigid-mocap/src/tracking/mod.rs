@@ -317,8 +317,8 @@ impl HandTracker {
         let run_on = (1.5 * self.clock.period()).clamp(0.03, 0.1);
         let alone = part.track.at(time, run_on);
         let (oldest, newest) = (part.track.oldest()?, part.track.newest()?);
-        // While it is seen there are poses; after that, and before it was seen again, it goes where its carrier goes.
-        let carrier = if time < oldest {
+        // While it is seen there are poses; after that, and until it was seen again twice, it goes where its carrier goes.
+        let carrier = if part.entry.is_some() && (time < oldest || newest <= oldest) {
             part.entry
         } else {
             part.carrier.filter(|&(other, _)| !part.seen && time > newest && self.parts[other].seen)
