@@ -213,6 +213,8 @@ def test_a_finger_comes_as_near_as_it_can() -> None:
     assert np.all((model.lower_limits[0] - 1e-12 <= far) & (far <= model.upper_limits[0] + 1e-12))
     with pytest.raises(InvalidValueError):
         hand.reach(0, [np.nan, 0.0, 0.0], normal)
+    with pytest.raises(InvalidValueError, match="iterations: expected a whole number"):
+        hand.reach(0, start, normal, iterations=-1)
 
 
 def test_command_line_says_what_it_does_not_understand(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
