@@ -205,11 +205,11 @@ def grasp(
         list[str] | None,
         typer.Option(
             metavar="TARGET",
-            help="Send what the fingers feel: udp:HOST:PORT (JSON), ws:PORT (JSON to websockets that connect) or tfb:HOST (tactile thimbles); may be given several times.",
+            help="Send what the fingers feel: udp:HOST:PORT (JSON), ws:PORT (JSON to websockets that connect) or tfb:HOST, tfb:HOST/HAND (tactile thimbles); may be given several times.",
             rich_help_panel=MOCAP,
         ),
     ] = None,
-    feedback_rate: Annotated[float, typer.Option(metavar="HERTZ", help="How often.", rich_help_panel=MOCAP)] = 60.0,
+    feedback_rate: Annotated[float | None, typer.Option(metavar="HERTZ", help="How often. Default: 60.", rich_help_panel=MOCAP)] = None,
 ) -> None:
     """Grasp an object, hold it, lift it, shake it, put it down; report how well it was held."""
     from quasirigid.grasp_options import GraspOptions
