@@ -176,8 +176,9 @@ def test_slippery_cone_has_no_opposing_sides() -> None:
 
 
 def test_a_grasp_planned_for_more_friction_than_there_is_says_so() -> None:
-    ball, mass = Surface.sphere(0.03, points=1_000), MassProperties.sphere(0.03, mass=0.1)
-    slippery, rough = (take_surface("ball", ball, mass, GraspOptions(), friction) for friction in (0.05, 0.5))
+    size = (0.05, 0.05, 0.06)
+    box, mass = Surface.box(size, points=2_000), MassProperties.box(size, mass=0.1)
+    slippery, rough = (take_surface("cube", box, mass, GraspOptions(), friction) for friction in (0.05, 0.5))
     assert slippery.warnings == ("the grasp was planned as if friction were 0.2, not 0.05",)
     assert rough.warnings == ()
 
