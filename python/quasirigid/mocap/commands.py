@@ -46,10 +46,10 @@ def _say(text: str) -> None:
 @contextmanager
 def _until_stopped() -> Iterator[None]:
     """Ctrl-C and SIGTERM end what is listened to or sent; they are no failure."""
-    from quasirigid.cli import _terminable
+    from quasirigid.cli_run import terminable
 
     try:
-        with _terminable():
+        with terminable():
             yield
     except KeyboardInterrupt:
         _say("stopped")

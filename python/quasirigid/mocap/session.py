@@ -192,7 +192,7 @@ class MocapSession:
         assert self.coupling is not None
         assert self.outcome is not None
         shown = self.viewer is not None and self.viewer.wants_state()
-        wants = recorder is not None and recorder.wants_deformation
+        wants = recorder is not None and recorder.wants_deformation(self.world.time)
         state = self.scene.state(report, self.outcome.phase, moved=wants or shown)
         if self.viewer is not None and shown:
             self.viewer.draw(replace(state, tracked=self._tracked(targets)))
@@ -256,9 +256,8 @@ class MocapSession:
             "friction": self.stage.friction,
             "coupling": self.mocap.coupling,
         }
-        # The recorder counts rows, of which there are fewer than steps.
-        rate = min(DEFORMATION_RATE * self._every, 1.0 / self.options.dt)
-        return SceneRecorder(path, self.scene.model, (joints[0], joints[1]), columns=own, attributes=attributes, deformation_rate=rate)
+        shape = joints[0], joints[1]
+        return SceneRecorder(path, self.scene.model, shape, columns=own, attributes=attributes, deformation_rate=DEFORMATION_RATE)
 
     def summary(self) -> dict[str, Any]:
         """Every figure of the session."""
