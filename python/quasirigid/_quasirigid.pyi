@@ -586,7 +586,9 @@ class StepReport:
         """Contacts left out because nothing can move or give there."""
     @property
     def quarantined(self) -> list[int]:
-        """Indices of bodies that went non-finite, were rolled back and isolated in this step."""
+        """Indices of bodies that went non-finite, were rolled back and isolated in this step, or in any step of this ``World.step``.
+        ``World.quarantined`` has all that ever did.
+        """
     def __repr__(self) -> str: ...
 
 @final
@@ -702,6 +704,12 @@ class World:
         """Simulated seconds since the start."""
     @property
     def steps(self) -> int: ...
+    @property
+    def report(self) -> StepReport | None:
+        """What ``step`` returned last; ``None`` before the first step."""
+    @property
+    def quarantined(self) -> list[int]:
+        """Indices (``Body.index``, ``Hand.body_indices``) of the bodies that went non-finite and have been set aside since."""
     def add_body(
         self,
         surface: Surface,
@@ -748,7 +756,7 @@ class World:
         Raises ``InvalidHandleError`` for a body that was removed or is of another world.
         """
     def step(self, n: int = 1) -> StepReport:
-        """Advance by ``n`` steps of ``dt`` and return the report of the last. The GIL is released meanwhile."""
+        """Advance by ``n`` steps of ``dt`` and return the report of the last; its ``quarantined`` is of all ``n``. The GIL is released meanwhile."""
     def contacts(self) -> Contacts:
         """The contacts of the last step."""
     def contact_problem(self, *, sparse: bool = False) -> ContactProblem:
