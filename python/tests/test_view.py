@@ -10,11 +10,12 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from viser._messages import FileTransferPart, FileTransferStartUpload
+from viser._messages import FileTransferPart, FileTransferStartUpload, RemoveNotificationMessage
 
 import quasirigid as qr
 from quasirigid.grasp_options import GraspOptions
@@ -260,11 +261,19 @@ def test_uploads_are_refused_for_what_is_wrong_with_them() -> None:
     assert tempfile.gettempdir() not in str(refused.value)
 
 
-def test_uploads_that_are_too_large_are_refused_when_they_are_announced() -> None:
+def test_uploads_that_are_too_large_are_refused_when_they_are_announced(monkeypatch: pytest.MonkeyPatch) -> None:
     server = open_server("127.0.0.1", 8440, "test")
     told: list[str] = []
+    notices: list[str] = []
+    sent: list[Any] = []
+    page = SimpleNamespace(
+        client_id=0,
+        add_notification=lambda title, *_, **__: notices.append(title),
+        _websock_connection=SimpleNamespace(queue_message=sent.append),
+    )
+    monkeypatch.setattr(server, "get_clients", lambda: {0: page})
     try:
-        UploadGate(server, 1000, told.append)
+        gate = UploadGate(server, 1000, told.append)
         button = server.gui.add_upload_button("Load")
         link, waiting = server.gui._websock_interface, server.gui._current_file_upload_states
 
@@ -277,6 +286,9 @@ def test_uploads_that_are_too_large_are_refused_when_they_are_announced() -> Non
 
         announce("large", 1001)
         assert told.pop().startswith("large.stl: expected at most 0 MB")
+        # The page's own notice says "uploaded successfully".
+        assert notices == ["large.stl is refused"]
+        assert (type(sent[0]), sent[0].uuid) == (RemoveNotificationMessage, "upload-large")
         send(FileTransferPart(button._impl.uuid, "large", 0, b"0" * 500))
         assert waiting == {}, "its parts are dropped"
         for name in ("a", "b", "c"):
@@ -290,6 +302,10 @@ def test_uploads_that_are_too_large_are_refused_when_they_are_announced() -> Non
         send(FileTransferPart(button._impl.uuid, "b", 1, b"1" * 400))
         assert button.value.content == b"0" * 600 + b"1" * 400, "a file of the size that was said arrives"
         assert told == []
+        announce("bad", 10, 1)
+        gate.tell_refused(0, "bad.stl", "it is bad")
+        assert notices[-1] == "bad.stl is refused"
+        assert "upload-bad" in [message.uuid for message in sent]
     finally:
         close_server(server)
 

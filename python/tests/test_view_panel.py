@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import queue
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from browser import wait_until
 
 import quasirigid as qr
 from quasirigid.grasp import LIFT, Grasp
@@ -24,13 +24,6 @@ from quasirigid.view.session import Session
 from quasirigid.view.world_scene import WorldScene
 
 OPTIONS = GraspOptions(points=2_000)
-
-
-def wait_for(true: Any, what: str, seconds: float = 30.0) -> None:
-    end = time.monotonic() + seconds
-    while not true():
-        assert time.monotonic() < end, what
-        time.sleep(0.01)
 
 
 def served(options: GraspOptions) -> LiveView:
@@ -65,9 +58,9 @@ def test_objects_from_files_can_be_chosen_again_and_the_list_says_what_is_there(
 
         assert there() == ("box.stl", "box.stl", pytest.approx(0.052, abs=1e-3))
         choose(live, "box")
-        wait_for(lambda: there() == ("box", "box", pytest.approx(0.08, abs=1e-3)), "the box")
+        wait_until(lambda: there() == ("box", "box", pytest.approx(0.08, abs=1e-3)), "the box")
         choose(live, "box.stl")
-        wait_for(lambda: there() == ("box.stl", "box.stl", pytest.approx(0.052, abs=1e-3)), "the file once more")
+        wait_until(lambda: there() == ("box.stl", "box.stl", pytest.approx(0.052, abs=1e-3)), "the file once more")
         live._control._files["other.stl"] = lambda: Play(GraspOptions(object=tmp_path / "gone.stl"))
         choose(live, "other.stl")
         assert shape.value == "box.stl", "what is refused is not shown"
@@ -131,29 +124,25 @@ def test_what_is_no_place_is_refused(play: Play, bad: list[float]) -> None:
     play.step()
 
 
-@pytest.fixture
-def session() -> Iterator[Session]:
-    running = Session(Play(OPTIONS))
-    running.start()
-    yield running
-    running.stop()
+def test_a_step_that_fails_is_a_complaint_and_reset_brings_all_back(play: Play, capsys: pytest.CaptureFixture[str]) -> None:
+    session = Session(play)
+    session.start()
 
-
-def test_a_step_that_fails_is_a_complaint_and_reset_brings_all_back(session: Session, capsys: pytest.CaptureFixture[str]) -> None:
     def broken() -> None:
         raise ZeroDivisionError("a bug")
 
     session.do(lambda play: setattr(play, "step", broken))
     session.run(True)
     assert "a bug" in session.complaints.get(timeout=10)
-    wait_for(lambda: not session.newest()[1].running, "it is paused")
+    wait_until(lambda: not session.newest()[1].running, "it is paused")
     with pytest.raises(queue.Empty):  # once, not in every step
         session.complaints.get(timeout=0.1)
     assert "ZeroDivisionError" in capsys.readouterr().err, "the traceback is on the console"
     session.do(lambda play: delattr(play, "step"))
     session.reset()
     session.run(True)
-    wait_for(lambda: session.newest()[1].state.step > 20, "it runs again")
+    wait_until(lambda: session.newest()[1].state.step > 20, "it runs again")
+    session.stop()
 
 
 def test_a_drawing_that_fails_is_told_once_and_the_next_state_is_drawn(capsys: pytest.CaptureFixture[str]) -> None:
@@ -172,7 +161,7 @@ def test_a_drawing_that_fails_is_told_once_and_the_next_state_is_drawn(capsys: p
     live.start()
     try:
         live.session.run(True)
-        wait_for(lambda: len(failed) == 3 and live.updates > 5, "it goes on")
+        wait_until(lambda: len(failed) == 3 and live.updates > 5, "it goes on")
         assert live._thread.is_alive()
     finally:
         live.stop()
