@@ -296,7 +296,7 @@ def _refuse_unheard(context: typer.Context, panel: str, without: str, about: str
     for option in context.command.params:
         given = getattr(context.get_parameter_source(option.name or ""), "name", "") == "COMMANDLINE"
         if given and getattr(option, "rich_help_panel", None) == panel:
-            name = option.opts[0]
+            name = (option.secondary_opts if context.params.get(option.name or "") is False else option.opts)[0]
             raise InvalidValueError(name, f"{without} beside it", "none", f"{about}: add {without}, or leave it out")
 
 

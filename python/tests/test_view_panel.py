@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import queue
-import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,6 +17,7 @@ from quasirigid.grasp import LIFT, Grasp
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.grasp_run import Page
 from quasirigid.summary import FloatArray
+from quasirigid.view.panel import show_value
 from quasirigid.view.play import PULL_LIMIT, Play
 from quasirigid.view.server import LiveView
 from quasirigid.view.session import Session
@@ -45,8 +45,8 @@ def choose(live: LiveView, name: str) -> None:
 
 def test_objects_from_files_can_be_chosen_again_and_the_list_says_what_is_there(tmp_path: Path) -> None:
     egg = tmp_path / "box.stl"  # called like a built-in shape
-    trimesh.creation.icosphere(subdivisions=3, radius=0.026).export(egg)
-    live = served(GraspOptions(object=egg, points=2_000))
+    trimesh.creation.icosphere(subdivisions=2, radius=0.026).export(egg)
+    live = served(GraspOptions(object=egg, points=1_000))
     live.start()
     try:
         shape: Any = live._control._shape
@@ -56,11 +56,11 @@ def test_objects_from_files_can_be_chosen_again_and_the_list_says_what_is_there(
             thing = next(body for body in frame.model.bodies if body.kind == "object")
             return shape.value, frame.choice, float(np.ptp(thing.points[:, 2]))
 
-        assert there() == ("box.stl", "box.stl", pytest.approx(0.052, abs=1e-3))
+        assert there() == ("box.stl", "box.stl", pytest.approx(0.052, abs=2e-3))
         choose(live, "box")
         wait_until(lambda: there() == ("box", "box", pytest.approx(0.08, abs=1e-3)), "the box")
         choose(live, "box.stl")
-        wait_until(lambda: there() == ("box.stl", "box.stl", pytest.approx(0.052, abs=1e-3)), "the file once more")
+        wait_until(lambda: there() == ("box.stl", "box.stl", pytest.approx(0.052, abs=2e-3)), "the file once more")
         live._control._files["other.stl"] = lambda: Play(GraspOptions(object=tmp_path / "gone.stl"))
         choose(live, "other.stl")
         assert shape.value == "box.stl", "what is refused is not shown"
@@ -70,21 +70,21 @@ def test_objects_from_files_can_be_chosen_again_and_the_list_says_what_is_there(
 
 
 def test_sliders_show_the_figures_of_the_simulation_however_large_or_small() -> None:
-    for options in (GraspOptions(points=2_000, mass=5.0, squeeze=20.0, friction=2.0), GraspOptions(points=2_000, mass=0.004)):
-        live = served(options)
-        try:
-            figures = live.session.newest()[1].figures
-            for name, slider in live._control._sliders.items():
-                shown: Any = slider
-                assert shown.value == pytest.approx(getattr(figures, name)), name
-                assert shown.min <= shown.value <= shown.max, name
-                assert abs(round(shown.value, shown.precision) - shown.value) < 0.02 * shown.value, name
-        finally:
-            live.stop()
+    live = served(GraspOptions(points=2_000, mass=5.0, squeeze=20.0, friction=2.0))
+    figures, sliders = live.session.newest()[1].figures, live._control._sliders
+    shown: Any
+    try:
+        for name, shown in sliders.items():
+            assert shown.value == pytest.approx(getattr(figures, name)), name
+            assert shown.min <= shown.value <= shown.max, name
+        shown = sliders["mass"]
+        show_value(shown, 0.004)
+        assert shown.min == shown.value == round(shown.value, shown.precision) == 0.004
+    finally:
+        live.stop()
 
 
 def test_lift_and_lower_move_the_hand_from_where_it_was_dragged(play: Play) -> None:
-    play.build()
     place, turn = play.base
     aside = place + np.array([0.1, -0.05, 0.0])
     tilted = np.array([0.0, np.cos(0.1), np.sin(0.1), 0.0]) if abs(turn[1]) > 0.5 else np.array([np.cos(0.1), 0.0, 0.0, np.sin(0.1)])
@@ -96,7 +96,6 @@ def test_lift_and_lower_move_the_hand_from_where_it_was_dragged(play: Play) -> N
 
 
 def test_the_pull_that_is_shown_is_what_acts_and_at_most_its_limit(play: Play) -> None:
-    play.build()
     play.set_gravity(0.0)
     play.object.set_velocity((0.0, 0.0, 1.0))  # away from where it is pulled to: spring and damper add up
     play.pull(np.zeros(3), play.object.position - np.array([0.0, 0.0, 0.5]))
@@ -175,13 +174,15 @@ def test_a_grasp_is_watched_with_its_phase_and_pace_and_slow_motion_is_said(caps
         assert grasp.paced
         assert "http://localhost:84" in capsys.readouterr().err
         grasp.phase = "squeeze"
-        for _ in range(40):
+
+        def text() -> str:
             grasp.world.step()
-            time.sleep(0.02)
-        text = page._figures(page._state(), running=True)
-        assert "squeeze" in text
-        assert "slow motion" in text
-        assert "too slow for 1 ×" in text
+            said: str = page._figures(page._state(), running=True)
+            return said
+
+        wait_until(lambda: "slow motion" in text(), "a step now and then is slow motion")
+        assert "squeeze" in text()
+        assert "too slow for 1 ×" in text()
 
 
 @pytest.mark.parametrize(("control_points", "finer"), [(100, "pad"), (2_500, "ball")])
