@@ -185,7 +185,7 @@ class SceneRecorder:
             "report/residual": state.residual,
             "report/converged": state.converged,
             "report/coarse": report is not None and report.coarse,
-            "report/quarantined": len(report.quarantined) if report is not None else went,
+            "report/quarantined": max(went, 0 if report is None else len(report.quarantined)),
             "report/step_time": state.step_time,
             "report/stage_times": [state.stage_times.get(name, 0.0) for name in STAGES],
         }
