@@ -8,6 +8,8 @@
 True
 """
 
+from typing import TYPE_CHECKING
+
 from quasirigid._quasirigid import (
     STAGES,
     Body,
@@ -27,13 +29,16 @@ from quasirigid._quasirigid import (
     __version__,
 )
 from quasirigid.errors import (
+    CaptureFileError,
     DegenerateSurfaceError,
     GraspPlanError,
     InvalidHandleError,
     InvalidShapeError,
     InvalidValueError,
     MissingPackageError,
+    NetworkError,
     ObjectFileError,
+    PacketError,
     QuasirigidError,
     RecordingError,
     SurfaceWarning,
@@ -45,12 +50,17 @@ from quasirigid.recorder import Recorder
 from quasirigid.recording import Column, Recording
 from quasirigid.scene_recording import SceneRecording
 from quasirigid.solver import ContactProblem, solve_contacts
-from quasirigid.view import open_view as view
 from quasirigid.world_recorder import record
+
+if TYPE_CHECKING:
+    from quasirigid.view import open_view as view
+else:
+    from quasirigid import view  # the package, which can be called
 
 __all__ = [
     "STAGES",
     "Body",
+    "CaptureFileError",
     "Column",
     "ComplianceMatrix",
     "ContactProblem",
@@ -71,8 +81,10 @@ __all__ = [
     "MassProperties",
     "Material",
     "MissingPackageError",
+    "NetworkError",
     "ObjectFileError",
     "ObjectGeometry",
+    "PacketError",
     "QuasirigidError",
     "Recorder",
     "Recording",

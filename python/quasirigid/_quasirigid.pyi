@@ -580,7 +580,7 @@ class StepReport:
     @property
     def part_times(self) -> dict[str, float]:
         """Seconds of parts of stages: ``traverse`` and ``interpenetration`` of collision, ``w_rigid`` and ``w_deform`` of
-        the contact problem, ``hierarchy_update`` of the constrained motion.
+        the contact problem, ``hierarchy_update`` of the constrained motion and, where spheres are refitted, of collision.
         """
     @property
     def step_time(self) -> float:
@@ -593,8 +593,8 @@ class StepReport:
         """Contacts left out because nothing can move or give there."""
     @property
     def quarantined(self) -> list[int]:
-        """Indices of bodies that went non-finite, were rolled back and set aside in this step, or these. Told once;
-        ``Body.quarantined`` and ``Hand.quarantined`` go on saying so.
+        """Indices of bodies that went non-finite, were rolled back and set aside in this step, or in any step of this ``World.step``. Told once;
+        ``World.quarantined``, ``Body.quarantined`` and ``Hand.quarantined`` go on saying so.
         """
     def __repr__(self) -> str: ...
 
@@ -711,6 +711,12 @@ class World:
         """Simulated seconds since the start."""
     @property
     def steps(self) -> int: ...
+    @property
+    def report(self) -> StepReport | None:
+        """What ``step`` returned last; ``None`` before the first step."""
+    @property
+    def quarantined(self) -> list[int]:
+        """Indices (``Body.index``, ``Hand.body_indices``) of the bodies that went non-finite and have been set aside since."""
     def add_body(
         self,
         surface: Surface,
@@ -828,8 +834,8 @@ class Receiver:
         """Open and listen.
 
         ``connection`` is ``PORT``, ``GROUP:PORT`` (multicast), ``HOST:PORT`` (packets of that controller only) or ``HOST:PORT:fw``
-        (greets it, for firewalls). ``bind`` is the address of this machine to listen on, ``interface`` the one that joins a multicast group.
-        Larger datagrams than ``max_bytes`` are refused. Raises ``InvalidValueError`` or ``NetworkError``.
+        (greets it, for firewalls). ``bind`` is the address of this machine to listen on; for a multicast group it names the interface that joins, as
+        ``interface`` does. Larger datagrams than ``max_bytes`` are refused. Raises ``InvalidValueError`` or ``NetworkError``.
         """
     @property
     def address(self) -> tuple[str, int]:
@@ -889,14 +895,18 @@ class Take:
 
 @final
 class TakeWriter:
-    """Writes a take while it is recorded; after every packet the file is whole."""
+    """Writes a take while it is recorded; after every packet the file is whole. A context manager."""
 
     def __init__(self, path: str | PathLike[str], *, append: bool = False) -> None:
         """Create or overwrite the file, or go on behind what is there. Raises ``CaptureFileError``."""
     def note(self, text: str) -> None:
         """A line of notes."""
     def packet(self, arrival: float, data: bytes) -> None:
-        """A packet that came ``arrival`` s after the start of the recording."""
+        """A packet that came ``arrival`` s after the start of the recording. Raises ``InvalidValueError`` before that and from eleven days on."""
+    def close(self) -> None:
+        """Close the file; whoever writes on is refused with ``InvalidValueError``."""
+    def __enter__(self) -> TakeWriter: ...
+    def __exit__(self, *_exception: object) -> None: ...
 
 @final
 class Replay:
@@ -910,14 +920,15 @@ class Replay:
         speed: float = 1.0,
         rounds: int = 1,
         source_port: int = 50_107,
-        bind: str = "0.0.0.0",
+        bind: str | None = None,
         serve_greeters: bool = True,
         bodies: bool = False,
     ) -> None:
         """Start to send to ``targets`` (``HOST:PORT``, ``PORT``, ``GROUP:PORT``) and to whoever greets; without targets it waits for a greeting.
 
-        ``rounds`` 0 sends until it is stopped. ``source_port`` falls back to any port if it is taken: see ``address``. ``bodies`` also sends each
-        fingertip as a body of ``6d``. Raises ``InvalidValueError`` or ``NetworkError``.
+        ``rounds`` 0 sends until it is stopped. ``source_port`` falls back to any port if it is taken: see ``address``. ``bind`` is the address of this
+        machine to send from, and to hear greetings at: by default 127.0.0.1 if all ``targets`` are there, else any. ``bodies`` also sends each fingertip
+        as a body of ``6d``. Raises ``InvalidValueError`` or ``NetworkError``.
         """
     @property
     def address(self) -> tuple[str, int]:
@@ -925,7 +936,9 @@ class Replay:
     def wait(self, timeout: float) -> bool:
         """Wait for the end, at most ``timeout`` s; the GIL is released. Whether it has ended."""
     def state(self) -> dict[str, Any]:
-        """``sent, rounds, greetings, targets, refused, latest`` (s behind the schedule at worst) and ``done``."""
+        """``sent, rounds, greetings, targets, displaced`` (greeters that had to make room: 16 are served), ``refused, latest`` (s behind the schedule at
+        worst) and ``done``.
+        """
     def stop(self) -> None:
         """Stop."""
     def __enter__(self) -> Replay: ...
@@ -1017,12 +1030,16 @@ class HandTracker:
         catch: float = 0.1,
     ) -> None:
         """All times in s. ``delay``: how far in the past the hand is shown; ``None`` fits the stream, 0 predicts. What is not seen keeps its full weight
-        for ``hold`` and fades within ``fade``; ``catch`` is the time constant with which a pose glides to where it is seen again.
+        for ``hold`` and fades within ``fade``; ``catch`` is the time constant with which a pose glides to where it is seen again, by 0.5 m/s and 3 rad/s
+        at most.
         """
     def push(self, frame: HandFrame) -> None:
-        """Take a frame. Raises ``InvalidValueError`` for one of the other hand or with numbers that are not finite."""
+        """Take a frame. Raises ``InvalidValueError`` for one of the other hand or with numbers that are out of range. Any thread may call it."""
     def sample(self, now: float) -> HandTargets | None:
-        """The hand at ``now``, s on the clock of the arrivals, which must not fall back. ``None`` before the first frame."""
+        """The hand at ``now``, s on the clock of the arrivals, which must not fall back. ``None`` before the first frame.
+
+        To be asked at 10 Hz or more: from one call to the next no more is made up for than in 0.1 s.
+        """
     @property
     def side(self) -> HandSide: ...
     @property

@@ -2,42 +2,46 @@
 ``quasirigid bench``, ``quasirigid materials``.
 
 Standard output carries the result, standard error everything else. Exit code 0 is a finished run (a dropped object is a
-result too), 2 bad input, 130 an interrupt, 1 a bug.
+result too), 2 bad input, 130 an interrupt, 143 a SIGTERM, 141 a reader of standard output who left, 1 a bug.
 """
 
 from __future__ import annotations
 
 import json
-import signal
+import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from enum import Enum
 from pathlib import Path
-from types import FrameType
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from quasirigid import cli_recordings, cli_view
 from quasirigid.cli_options import (
+    HOST,
+    PAGE,
     PHYSICS,
+    PORT,
     RUN,
+    Browser,
     Compliance,
     Friction,
+    Host,
     Mass,
     MaterialName,
     ObjectFile,
     Points,
+    Port,
     Scale,
     Size,
     Squeeze,
     Threads,
     Yielding,
 )
+from quasirigid.cli_run import exit_code, placed, progress_bar, say, terminable, working
 from quasirigid.errors import InvalidValueError, QuasirigidError
 from quasirigid.grasp_panel import grasp_panel
 from quasirigid.mocap.commands import app as mocap_commands
@@ -70,10 +74,6 @@ class ObjectMotion(str, Enum):
 
     inertial = "inertial"
     quasi_static = "quasi-static"
-
-
-class Terminated(KeyboardInterrupt):
-    """The process was asked to end (SIGTERM): handled like Ctrl-C, so that the files stay readable."""
 
 
 def _show_version(wanted: bool) -> None:
@@ -119,7 +119,10 @@ def grasp(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Where summary.json, recording.h5 and the plots go.", rich_help_panel=RUN)
     ] = Path("out/grasp"),
-    view: Annotated[bool, typer.Option("--view", help="Watch it in the browser, at the pace of the clock.", rich_help_panel=RUN)] = False,
+    view: Annotated[bool, typer.Option("--view", help="Watch it in the browser, at the pace of the clock.", rich_help_panel=PAGE)] = False,
+    host: Host = HOST,
+    port: Port = PORT,
+    browser: Browser = True,
     record: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Where the recording goes. Default: recording.h5 in --out.", rich_help_panel=RUN)
     ] = None,
@@ -205,15 +208,15 @@ def grasp(
         list[str] | None,
         typer.Option(
             metavar="TARGET",
-            help="Send what the fingers feel: udp:HOST:PORT (JSON), ws:PORT (JSON to websockets that connect) or tfb:HOST (tactile thimbles); may be given several times.",
+            help="Send what the fingers feel: udp:HOST:PORT (JSON), ws:PORT (JSON to websockets that connect) or tfb:HOST, tfb:HOST/HAND (tactile thimbles); may be given several times.",
             rich_help_panel=MOCAP,
         ),
     ] = None,
-    feedback_rate: Annotated[float, typer.Option(metavar="HERTZ", help="How often.", rich_help_panel=MOCAP)] = 60.0,
+    feedback_rate: Annotated[float | None, typer.Option(metavar="HERTZ", help="How often. Default: 60.", rich_help_panel=MOCAP)] = None,
 ) -> None:
     """Grasp an object, hold it, lift it, shake it, put it down; report how well it was held."""
     from quasirigid.grasp_options import GraspOptions
-    from quasirigid.grasp_run import run_grasp
+    from quasirigid.grasp_run import Page, run_grasp
 
     options = GraspOptions(
         object=object_file,
@@ -231,8 +234,11 @@ def grasp(
         threads=threads,
         seed=seed,
     )
+    page = Page(host, port, browser) if view else None
+    if page is None:
+        _refuse_unheard(context, PAGE, "--view", "it is about the page")
     if mocap is None:
-        _refuse_unheard(context)
+        _refuse_unheard(context, MOCAP, "--mocap", "it is about a tracked hand")
     else:
         from quasirigid.mocap.grasp_command import coupled, grasp_mocap
         from quasirigid.mocap.options import MocapOptions
@@ -248,7 +254,7 @@ def grasp(
             hold=loss_hold,
             fade=loss_fade,
         )
-        with _terminable():
+        with terminable(), placed("--out"):
             grasp_mocap(
                 options,
                 mocap,
@@ -263,29 +269,29 @@ def grasp(
                 record=record,
                 feedback=feedback or (),
                 feedback_rate=feedback_rate,
-                view=view,
+                view=page,
                 as_json=as_json,
             )
         return
     try:
-        with _terminable(), _progress(quiet=as_json) as progress:
-            result = run_grasp(options, out, record=record, progress=progress, view=view)
+        with terminable(), placed("--out"), progress_bar(quiet=as_json) as progress:
+            result = run_grasp(options, out, record=record, progress=progress, view=page)
     except KeyboardInterrupt as stop:
-        _say(f"interrupted; what was recorded so far is in {out}")
-        raise typer.Exit(143 if isinstance(stop, Terminated) else 130) from None
+        say(f"interrupted; what was recorded so far is in {out}")
+        raise typer.Exit(exit_code(stop)) from None
     if as_json:
         typer.echo(json.dumps(result.summary, indent=2, allow_nan=False))
     else:
         Console().print(grasp_panel(result))
 
 
-def _refuse_unheard(context: typer.Context) -> None:
-    """Refuses options about a tracked hand where there is none: they would do nothing."""
+def _refuse_unheard(context: typer.Context, panel: str, without: str, about: str) -> None:
+    """Refuses options of a ``panel`` of the help that would do nothing ``without`` another option."""
     for option in context.command.params:
         given = getattr(context.get_parameter_source(option.name or ""), "name", "") == "COMMANDLINE"
-        if given and getattr(option, "rich_help_panel", None) == MOCAP:
-            name = option.opts[0]
-            raise InvalidValueError(name, "--mocap beside it", "none", "it is about a tracked hand: add --mocap, or leave it out")
+        if given and getattr(option, "rich_help_panel", None) == panel:
+            name = (option.secondary_opts if context.params.get(option.name or "") is False else option.opts)[0]
+            raise InvalidValueError(name, f"{without} beside it", "none", f"{about}: add {without}, or leave it out")
 
 
 @app.command()
@@ -300,7 +306,8 @@ def bench(
     from quasirigid.bench_tables import tables
 
     if json_file is not None and str(json_file) != "-":
-        json_file.open("a", encoding="utf-8").close()  # a file that cannot be written is found out before, not after
+        with placed("--json"):
+            json_file.open("a", encoding="utf-8").close()  # a file that cannot be written is found out before, not after
     with working(quiet=False) as progress:
         results = run_bench(quick=quick, progress=progress)
     text = json.dumps(results, indent=2, allow_nan=False)
@@ -308,7 +315,8 @@ def bench(
         typer.echo(text)
         return
     if json_file is not None:
-        json_file.write_text(text + "\n", encoding="utf-8")
+        with placed("--json"):
+            json_file.write_text(text + "\n", encoding="utf-8")
     console = Console()
     if not console.is_terminal:  # into a file or a pipe, which have no width
         console = Console(width=100)
@@ -343,68 +351,31 @@ cli_view.add_to(app)
 cli_recordings.add_to(app)
 
 
-@contextmanager
-def _progress(*, quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
-    """A progress bar on standard error, if somebody is there to see it."""
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:
-        yield None
-        return
-    parts = (TextColumn("{task.description:<14}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    with Progress(*parts, console=console, transient=True) as bar:
-        task = bar.add_task("setting up", total=1.0)
-        yield lambda phase, done: bar.update(task, description=phase, completed=done)
-
-
-@contextmanager
-def working(*, quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
-    """A progress bar; an interrupt ends the program with its exit code, in one line."""
-    try:
-        with _terminable(), _progress(quiet=quiet) as progress:
-            yield progress
-    except KeyboardInterrupt as stop:
-        _say("interrupted")
-        raise typer.Exit(143 if isinstance(stop, Terminated) else 130) from None
-
-
-@contextmanager
-def _terminable() -> Iterator[None]:
-    """Turns SIGTERM into an exception, so that files are closed on the way out."""
-
-    def stop(_number: int, _frame: FrameType | None) -> NoReturn:
-        raise Terminated
-
-    before = signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-def _say(text: str) -> None:
-    """One line on standard error."""
-    print(f"quasirigid: {' '.join(text.split())}", file=sys.stderr)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
     quiet_fonts()
     command = typer.main.get_command(app)
     try:
         code = command.main(args=list(sys.argv[1:] if arguments is None else arguments), prog_name="quasirigid", standalone_mode=False)
+        sys.stdout.flush()
+    except (BrokenPipeError, SystemExit):
+        # Whoever read standard output has seen enough, like `head`: rich and the parser then end the program. Nothing is left to be written at exit.
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), 1)
+        return 141
     except QuasirigidError as error:
-        _say(str(error))
+        say(str(error))
         return 2
     except Exception as error:
         # Usage errors of the command line parser; they know their own exit code (2).
         if hasattr(error, "format_message"):
             if error.format_message():  # empty when the help was shown for want of arguments
-                _say(f"{error.format_message().rstrip('.')}; see `quasirigid --help`")
+                say(f"{error.format_message().rstrip('.')}; see `quasirigid --help`")
             return int(getattr(error, "exit_code", 2))
         if type(error).__name__ == "Abort":
             return 130
         if isinstance(error, OSError):
-            _say(f"{error.filename or 'a file'}: {error.strerror or error}; choose another place with --out")
+            say(f"{error.filename or 'a file'}: {error.strerror or error}; check the path, its permissions, and the room on the disk")
             return 2
         raise
     return code if isinstance(code, int) else 0

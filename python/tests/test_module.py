@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import quasirigid as qr
-from quasirigid import _quasirigid
+from quasirigid import _quasirigid, errors
 
 NAN, INF = float("nan"), float("inf")
 BOX = (0.06, 0.06, 0.08)
@@ -389,6 +389,14 @@ def stub() -> dict[str, Any]:
             fields = {n.target.id for n in node.body if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name)}
             names[node.name] = (members, fields)
     return names
+
+
+def test_every_error_is_part_of_the_package() -> None:
+    kinds = {
+        name for name, thing in vars(errors).items() if isinstance(thing, type) and issubclass(thing, (errors.QuasirigidError, Warning))
+    }
+    assert kinds == set(errors.__all__)
+    assert kinds <= set(qr.__all__)
 
 
 def test_stubs_name_exactly_what_the_module_has() -> None:

@@ -34,7 +34,7 @@ impl Body {
 pub fn deformed_points(entry: &BodyEntry) -> Vec<Vec3> {
     let Some(skin) = &entry.skin else { return Vec::new() };
     let pose = entry.body.link_pose(entry.skin_link);
-    let mut points = skin.surface.in_callers_order(&skin.deformed);
+    let mut points = skin.surface.in_callers_order(&skin.deformed_points());
     points.iter_mut().for_each(|p| *p = pose.rotation * *p + pose.translation.vector);
     points
 }

@@ -32,7 +32,7 @@ pub struct StageTimes {
     pub w_rigid: Duration,
     /// Of stage 3: the elastic part of W, and the diagonal blocks of both.
     pub w_deform: Duration,
-    /// Of stage 5: points deformed and spheres refitted.
+    /// Of stage 5: displacements of the patches summed; and of stage 2: spheres refitted before they are traversed.
     pub hierarchy_update: Duration,
 }
 

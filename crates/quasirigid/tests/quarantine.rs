@@ -12,7 +12,12 @@ fn is_finite(entry: &BodyEntry) -> bool {
     let mut finite = entry.body.is_finite();
     entry.body.state().for_each_number(|x| finite &= x.is_finite());
     finite &= entry.body.link_pose(entry.skin_link).translation.vector.amax() < 1e3;
-    finite && entry.skin.iter().flat_map(|skin| skin.deformed.iter().chain(&skin.displacement)).all(|u| u.iter().all(|x| x.is_finite()))
+    finite
+        && entry
+            .skin
+            .iter()
+            .flat_map(|skin| skin.deformed_points().into_iter().chain(skin.displacement.iter().copied()))
+            .all(|u| u.iter().all(|x| x.is_finite()))
 }
 
 fn ball(world: &mut World, name: &str, x: Real, y: Real, motion: Motion) -> BodyHandle {

@@ -90,6 +90,8 @@ pub struct Collision {
     pub coarse: bool,
     /// Time in the sphere trees.
     pub traverse_time: Duration,
+    /// Time to refit them before.
+    pub refit_time: Duration,
     /// Time in projections.
     pub projection_time: Duration,
     reach: Vec<Real>,
@@ -102,7 +104,7 @@ pub struct Collision {
 /// [`Parameters::collision_every`].
 pub(crate) fn collision(
     out: &mut Collision,
-    bodies: &[BodyEntry],
+    bodies: &mut [BodyEntry],
     free: &[FreeMotion],
     pairs: &mut Vec<Pair>,
     friction: &FrictionTable,
@@ -123,7 +125,8 @@ pub(crate) fn collision(
     let traversed = Instant::now();
     let look = step.is_multiple_of(u64::from(params.collision_every));
     projection::project_control_points(&mut out.projection, pairs, bodies, free, &out.reach, params, look, &mut out.contacts);
-    out.traverse_time = traversed - start;
+    out.refit_time = out.traversal.refit_time;
+    out.traverse_time = traversed - start - out.refit_time;
     out.projection_time = traversed.elapsed();
 }
 

@@ -322,7 +322,7 @@ impl Afar {
     }
 }
 
-/// Sums the patches of every skin, moves its points and refits its spheres.
+/// Sums the patches of every skin.
 pub(super) fn deform_skins(bodies: &mut [BodyEntry], pairs: &[Pair], params: &Parameters) {
     for entry in bodies.iter_mut() {
         if let Some(skin) = &mut entry.skin {
