@@ -299,6 +299,9 @@ class Body:
     def index(self) -> int:
         """The number that ``Contacts.body_a`` and ``Contacts.body_b`` speak of; it may change when a body is removed."""
     @property
+    def quarantined(self) -> bool:
+        """Whether it was set aside because it went non-finite, or would have moved by more than 100 m in a step: it neither moves nor touches any more."""
+    @property
     def mass(self) -> float:
         """kg; 0 for a fixed body."""
     @property
@@ -384,6 +387,9 @@ class Hand:
     def body_indices(self) -> list[int]:
         """One per finger: the numbers that ``Contacts.body_a`` and ``Contacts.body_b`` speak of."""
     @property
+    def quarantined(self) -> bool:
+        """Whether any of its fingers was set aside, see ``Body.quarantined``."""
+    @property
     def joint_positions(self) -> FloatArray:
         """(fingers, joints) rad. Settable: teleports the joints, at rest."""
     @joint_positions.setter
@@ -458,7 +464,7 @@ class Hand:
         Raises ``InvalidValueError`` for a start that a finger cannot reach.
         """
 
-GripState = Literal["closing", "squeezing", "holding", "opening", "open", "missed"]
+GripState = Literal["closing", "squeezing", "holding", "weak", "opening", "open", "missed"]
 
 @final
 class Grip:
@@ -467,7 +473,8 @@ class Grip:
     @property
     def state(self) -> GripState:
         """``"closing"`` until all pads touch, ``"squeezing"`` until every force has settled, then ``"holding"``: the joint
-        targets are frozen. ``"missed"`` after 60 mm of travel without a touch; ``"opening"`` and ``"open"`` on the way back.
+        targets are frozen. ``"weak"`` is holding with less than was asked for: a motor is at its limit, or a finger at the
+        end of its reach. ``"missed"`` after 60 mm of travel without a touch; ``"opening"`` and ``"open"`` on the way back.
         """
     @property
     def squeeze(self) -> float:
@@ -483,7 +490,7 @@ class Grip:
     def open(self) -> None:
         """Let go: the pads travel back to where they started."""
     def close(self) -> None:
-        """Close again."""
+        """Close again; pads that have missed start again from the start of their paths."""
 
 @final
 class ContactStatus:
@@ -573,7 +580,7 @@ class StepReport:
     @property
     def part_times(self) -> dict[str, float]:
         """Seconds of parts of stages: ``traverse`` and ``interpenetration`` of collision, ``w_rigid`` and ``w_deform`` of
-        the contact problem, ``hierarchy_update`` of the constrained motion.
+        the contact problem, ``hierarchy_update`` of the constrained motion and, where spheres are refitted, of collision.
         """
     @property
     def step_time(self) -> float:
@@ -586,7 +593,9 @@ class StepReport:
         """Contacts left out because nothing can move or give there."""
     @property
     def quarantined(self) -> list[int]:
-        """Indices of bodies that went non-finite, were rolled back and isolated in this step."""
+        """Indices of bodies that went non-finite, were rolled back and set aside in this step, or these. Told once;
+        ``Body.quarantined`` and ``Hand.quarantined`` go on saying so.
+        """
     def __repr__(self) -> str: ...
 
 @final
@@ -748,7 +757,11 @@ class World:
         Raises ``InvalidHandleError`` for a body that was removed or is of another world.
         """
     def step(self, n: int = 1) -> StepReport:
-        """Advance by ``n`` steps of ``dt`` and return the report of the last. The GIL is released meanwhile."""
+        """Advance by ``n`` steps of ``dt``. The GIL is released meanwhile.
+
+        The report is that of the last step, with what must not be missed of the others: every body set aside (``quarantined``),
+        the sum of ``ill_posed``, whether any was ``coarse``, and ``residual``, ``converged`` and ``stop_reason`` of the worst.
+        """
     def contacts(self) -> Contacts:
         """The contacts of the last step."""
     def contact_problem(self, *, sparse: bool = False) -> ContactProblem:
@@ -758,7 +771,7 @@ class World:
         Coulomb: where friction has a direction tangent2 is stretched by ``Contacts.friction_ratio``, and viscous drag is in ``q``.
         """
     def state_hash(self) -> int:
-        """64-bit hash of the whole state: same input, same bits, whatever the number of threads."""
+        """64-bit hash of poses, velocities, joints and elastic displacements: same input, same bits, whatever the number of threads."""
 
 # --- motion capture -------------------------------------------------------------------------------------------------------
 # `quasirigid.mocap` has these under the same names. Rows of hand arrays: thumb, index, middle, ring, little, palm.

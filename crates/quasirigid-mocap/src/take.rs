@@ -60,7 +60,7 @@ pub struct Take {
     pub packets: Vec<TakePacket>,
     /// Lines of notes, without their `#`.
     pub notes: Vec<String>,
-    /// Packets that were cut or spoilt and are left out.
+    /// Packets that were cut or spoilt and are left out. At least one where a compressed file is cut or spoilt: what it had is not known.
     pub damaged: usize,
 }
 
@@ -74,10 +74,12 @@ impl Take {
         let failed = |e: std::io::Error| Error::file(path.display(), "a readable take", e, hint);
         let mut bytes = Vec::new();
         File::open(path).and_then(|file| file.take(LARGEST + 1).read_to_end(&mut bytes)).map_err(failed)?;
+        let mut spoilt = false;
         if bytes.starts_with(&[0x1f, 0x8b]) {
             let mut plain = Vec::new();
             // A compressed file that was cut gives what was before the cut.
             let end = GzDecoder::new(&bytes[..]).take(LARGEST + 1).read_to_end(&mut plain);
+            spoilt = end.is_err();
             if plain.is_empty() {
                 end.map_err(failed)?;
             }
@@ -86,7 +88,8 @@ impl Take {
         if bytes.len() as u64 > LARGEST {
             return Err(Error::file(path.display(), "a take of at most 1 GiB", "a larger one", "cut it into pieces"));
         }
-        let take = Self::from_bytes(&bytes);
+        let mut take = Self::from_bytes(&bytes);
+        take.damaged = take.damaged.max(usize::from(spoilt));
         if take.packets.is_empty() {
             let got = if take.damaged > 0 { format!("{} packets that are all cut or spoilt", take.damaged) } else { "none".to_owned() };
             return Err(Error::file(path.display(), "at least one packet with a line fr", got, hint));
@@ -311,7 +314,17 @@ mod tests {
         // A compressed file that was cut still gives its beginning.
         let gz = std::fs::read(dir.join("a.take.gz")).unwrap();
         std::fs::write(dir.join("cut.gz"), &gz[..gz.len() - 12]).unwrap();
-        assert!(Take::read(&dir.join("cut.gz")).unwrap().packets.len() >= 4);
+        let cut = Take::read(&dir.join("cut.gz")).unwrap();
+        assert!(cut.packets.len() >= 4);
+        assert_eq!(cut.damaged, 1);
+        // One whose checksum is wrong, or missing, is not said to be whole.
+        let mut wrong = gz.clone();
+        wrong[gz.len() - 8] ^= 1;
+        for (name, bytes) in [("wrong.gz", &wrong[..]), ("short.gz", &gz[..gz.len() - 8])] {
+            std::fs::write(dir.join(name), bytes).unwrap();
+            let read = Take::read(&dir.join(name)).unwrap();
+            assert_eq!((read.packets.len(), read.damaged), (5, 1), "{name}");
+        }
         assert!(TakeWriter::append(&dir.join("a.take.gz")).unwrap_err().to_string().contains("gunzip"));
         // Recording goes on behind a cut.
         let path = dir.join("b.take");

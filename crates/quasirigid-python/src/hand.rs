@@ -116,6 +116,12 @@ impl Hand {
     }
 
     #[getter]
+    fn quarantined(&self, py: Python<'_>) -> PyResult<bool> {
+        let states = self.read(py, |world, hand| hand.fingers.iter().map(|&finger| world.entry(finger).map(|e| e.quarantined)).collect());
+        states.map(|states: Vec<bool>| states.contains(&true))
+    }
+
+    #[getter]
     fn joint_positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
         self.table(py, Finger::joint_positions)
     }

@@ -139,7 +139,7 @@ class Play:
 
     def lift(self, up: bool) -> None:
         """Send the hand up, or back to where it started. The squeeze is kept up on the way."""
-        if self.grip.state in ("squeezing", "holding"):
+        if self.grip.state in ("squeezing", "holding", "weak"):
             self._let_stand_go()
             self.grip.squeeze = self.figures.squeeze
         place, turn = self._home
