@@ -25,8 +25,8 @@ test: lint test-rust test-python ## Check format and types, run all tests.
 lint: setup
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
-	$(BIN)/ruff format --check python
-	$(BIN)/ruff check python
+	$(BIN)/ruff format --check python benchmarks
+	$(BIN)/ruff check python benchmarks
 	$(BIN)/mypy
 
 test-rust: ## Run the Rust tests.

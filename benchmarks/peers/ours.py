@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import scene
+
 from quasirigid import MassProperties, Material, Surface, World, __version__
 
 VERSION = f"quasirigid {__version__}"

@@ -299,6 +299,9 @@ class Body:
     def index(self) -> int:
         """The number that ``Contacts.body_a`` and ``Contacts.body_b`` speak of; it may change when a body is removed."""
     @property
+    def quarantined(self) -> bool:
+        """Whether it was set aside because it went non-finite, or would have moved by more than 100 m in a step: it neither moves nor touches any more."""
+    @property
     def mass(self) -> float:
         """kg; 0 for a fixed body."""
     @property
@@ -384,6 +387,9 @@ class Hand:
     def body_indices(self) -> list[int]:
         """One per finger: the numbers that ``Contacts.body_a`` and ``Contacts.body_b`` speak of."""
     @property
+    def quarantined(self) -> bool:
+        """Whether any of its fingers was set aside, see ``Body.quarantined``."""
+    @property
     def joint_positions(self) -> FloatArray:
         """(fingers, joints) rad. Settable: teleports the joints, at rest."""
     @joint_positions.setter
@@ -458,7 +464,7 @@ class Hand:
         Raises ``InvalidValueError`` for a start that a finger cannot reach.
         """
 
-GripState = Literal["closing", "squeezing", "holding", "opening", "open", "missed"]
+GripState = Literal["closing", "squeezing", "holding", "weak", "opening", "open", "missed"]
 
 @final
 class Grip:
@@ -467,7 +473,8 @@ class Grip:
     @property
     def state(self) -> GripState:
         """``"closing"`` until all pads touch, ``"squeezing"`` until every force has settled, then ``"holding"``: the joint
-        targets are frozen. ``"missed"`` after 60 mm of travel without a touch; ``"opening"`` and ``"open"`` on the way back.
+        targets are frozen. ``"weak"`` is holding with less than was asked for: a motor is at its limit, or a finger at the
+        end of its reach. ``"missed"`` after 60 mm of travel without a touch; ``"opening"`` and ``"open"`` on the way back.
         """
     @property
     def squeeze(self) -> float:
@@ -483,7 +490,7 @@ class Grip:
     def open(self) -> None:
         """Let go: the pads travel back to where they started."""
     def close(self) -> None:
-        """Close again."""
+        """Close again; pads that have missed start again from the start of their paths."""
 
 @final
 class ContactStatus:
@@ -573,7 +580,7 @@ class StepReport:
     @property
     def part_times(self) -> dict[str, float]:
         """Seconds of parts of stages: ``traverse`` and ``interpenetration`` of collision, ``w_rigid`` and ``w_deform`` of
-        the contact problem, ``hierarchy_update`` of the constrained motion.
+        the contact problem, ``hierarchy_update`` of the constrained motion and, where spheres are refitted, of collision.
         """
     @property
     def step_time(self) -> float:
@@ -586,8 +593,8 @@ class StepReport:
         """Contacts left out because nothing can move or give there."""
     @property
     def quarantined(self) -> list[int]:
-        """Indices of bodies that went non-finite, were rolled back and isolated in this step, or in any step of this ``World.step``.
-        ``World.quarantined`` has all that ever did.
+        """Indices of bodies that went non-finite, were rolled back and set aside in this step, or these. Told once;
+        ``World.quarantined``, ``Body.quarantined`` and ``Hand.quarantined`` go on saying so.
         """
     def __repr__(self) -> str: ...
 
@@ -709,7 +716,7 @@ class World:
         """What ``step`` returned last; ``None`` before the first step."""
     @property
     def quarantined(self) -> list[int]:
-        """Indices (``Body.index``, ``Hand.body_indices``) of the bodies that went non-finite and have been set aside since."""
+        """Indices (``Body.index``, ``Hand.body_indices``) of the bodies that are set aside, see ``Body.quarantined``."""
     def add_body(
         self,
         surface: Surface,
@@ -756,7 +763,11 @@ class World:
         Raises ``InvalidHandleError`` for a body that was removed or is of another world.
         """
     def step(self, n: int = 1) -> StepReport:
-        """Advance by ``n`` steps of ``dt`` and return the report of the last; its ``quarantined`` is of all ``n``. The GIL is released meanwhile."""
+        """Advance by ``n`` steps of ``dt``. The GIL is released meanwhile.
+
+        The report is that of the last step, with what must not be missed of the others: every body set aside (``quarantined``),
+        the sum of ``ill_posed``, whether any was ``coarse``, and ``residual``, ``converged`` and ``stop_reason`` of the worst.
+        """
     def contacts(self) -> Contacts:
         """The contacts of the last step."""
     def contact_problem(self, *, sparse: bool = False) -> ContactProblem:
@@ -766,7 +777,7 @@ class World:
         Coulomb: where friction has a direction tangent2 is stretched by ``Contacts.friction_ratio``, and viscous drag is in ``q``.
         """
     def state_hash(self) -> int:
-        """64-bit hash of the whole state: same input, same bits, whatever the number of threads."""
+        """64-bit hash of poses, velocities, joints and elastic displacements: same input, same bits, whatever the number of threads."""
 
 # --- motion capture -------------------------------------------------------------------------------------------------------
 # `quasirigid.mocap` has these under the same names. Rows of hand arrays: thumb, index, middle, ring, little, palm.
@@ -823,8 +834,8 @@ class Receiver:
         """Open and listen.
 
         ``connection`` is ``PORT``, ``GROUP:PORT`` (multicast), ``HOST:PORT`` (packets of that controller only) or ``HOST:PORT:fw``
-        (greets it, for firewalls). ``bind`` is the address of this machine to listen on, ``interface`` the one that joins a multicast group.
-        Larger datagrams than ``max_bytes`` are refused. Raises ``InvalidValueError`` or ``NetworkError``.
+        (greets it, for firewalls). ``bind`` is the address of this machine to listen on; for a multicast group it names the interface that joins, as
+        ``interface`` does. Larger datagrams than ``max_bytes`` are refused. Raises ``InvalidValueError`` or ``NetworkError``.
         """
     @property
     def address(self) -> tuple[str, int]:
@@ -884,14 +895,18 @@ class Take:
 
 @final
 class TakeWriter:
-    """Writes a take while it is recorded; after every packet the file is whole."""
+    """Writes a take while it is recorded; after every packet the file is whole. A context manager."""
 
     def __init__(self, path: str | PathLike[str], *, append: bool = False) -> None:
         """Create or overwrite the file, or go on behind what is there. Raises ``CaptureFileError``."""
     def note(self, text: str) -> None:
         """A line of notes."""
     def packet(self, arrival: float, data: bytes) -> None:
-        """A packet that came ``arrival`` s after the start of the recording."""
+        """A packet that came ``arrival`` s after the start of the recording. Raises ``InvalidValueError`` before that and from eleven days on."""
+    def close(self) -> None:
+        """Close the file; whoever writes on is refused with ``InvalidValueError``."""
+    def __enter__(self) -> TakeWriter: ...
+    def __exit__(self, *_exception: object) -> None: ...
 
 @final
 class Replay:
@@ -905,14 +920,15 @@ class Replay:
         speed: float = 1.0,
         rounds: int = 1,
         source_port: int = 50_107,
-        bind: str = "0.0.0.0",
+        bind: str | None = None,
         serve_greeters: bool = True,
         bodies: bool = False,
     ) -> None:
         """Start to send to ``targets`` (``HOST:PORT``, ``PORT``, ``GROUP:PORT``) and to whoever greets; without targets it waits for a greeting.
 
-        ``rounds`` 0 sends until it is stopped. ``source_port`` falls back to any port if it is taken: see ``address``. ``bodies`` also sends each
-        fingertip as a body of ``6d``. Raises ``InvalidValueError`` or ``NetworkError``.
+        ``rounds`` 0 sends until it is stopped. ``source_port`` falls back to any port if it is taken: see ``address``. ``bind`` is the address of this
+        machine to send from, and to hear greetings at: by default 127.0.0.1 if all ``targets`` are there, else any. ``bodies`` also sends each fingertip
+        as a body of ``6d``. Raises ``InvalidValueError`` or ``NetworkError``.
         """
     @property
     def address(self) -> tuple[str, int]:
@@ -920,7 +936,9 @@ class Replay:
     def wait(self, timeout: float) -> bool:
         """Wait for the end, at most ``timeout`` s; the GIL is released. Whether it has ended."""
     def state(self) -> dict[str, Any]:
-        """``sent, rounds, greetings, targets, refused, latest`` (s behind the schedule at worst) and ``done``."""
+        """``sent, rounds, greetings, targets, displaced`` (greeters that had to make room: 16 are served), ``refused, latest`` (s behind the schedule at
+        worst) and ``done``.
+        """
     def stop(self) -> None:
         """Stop."""
     def __enter__(self) -> Replay: ...
@@ -1012,12 +1030,16 @@ class HandTracker:
         catch: float = 0.1,
     ) -> None:
         """All times in s. ``delay``: how far in the past the hand is shown; ``None`` fits the stream, 0 predicts. What is not seen keeps its full weight
-        for ``hold`` and fades within ``fade``; ``catch`` is the time constant with which a pose glides to where it is seen again.
+        for ``hold`` and fades within ``fade``; ``catch`` is the time constant with which a pose glides to where it is seen again, by 0.5 m/s and 3 rad/s
+        at most.
         """
     def push(self, frame: HandFrame) -> None:
-        """Take a frame. Raises ``InvalidValueError`` for one of the other hand or with numbers that are not finite."""
+        """Take a frame. Raises ``InvalidValueError`` for one of the other hand or with numbers that are out of range. Any thread may call it."""
     def sample(self, now: float) -> HandTargets | None:
-        """The hand at ``now``, s on the clock of the arrivals, which must not fall back. ``None`` before the first frame."""
+        """The hand at ``now``, s on the clock of the arrivals, which must not fall back. ``None`` before the first frame.
+
+        To be asked at 10 Hz or more: from one call to the next no more is made up for than in 0.1 s.
+        """
     @property
     def side(self) -> HandSide: ...
     @property

@@ -2,24 +2,21 @@
 ``quasirigid bench``, ``quasirigid materials``.
 
 Standard output carries the result, standard error everything else. Exit code 0 is a finished run (a dropped object is a
-result too), 2 bad input, 130 an interrupt, 1 a bug.
+result too), 2 bad input, 130 an interrupt, 143 a SIGTERM, 141 a reader of standard output who left, 1 a bug.
 """
 
 from __future__ import annotations
 
 import json
-import signal
+import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from enum import Enum
 from pathlib import Path
-from types import FrameType
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from quasirigid import cli_recordings, cli_view
@@ -44,6 +41,7 @@ from quasirigid.cli_options import (
     Threads,
     Yielding,
 )
+from quasirigid.cli_run import exit_code, placed, progress_bar, say, terminable, working
 from quasirigid.errors import InvalidValueError, QuasirigidError
 from quasirigid.grasp_panel import grasp_panel
 from quasirigid.mocap.commands import app as mocap_commands
@@ -76,10 +74,6 @@ class ObjectMotion(str, Enum):
 
     inertial = "inertial"
     quasi_static = "quasi-static"
-
-
-class Terminated(KeyboardInterrupt):
-    """The process was asked to end (SIGTERM): handled like Ctrl-C, so that the files stay readable."""
 
 
 def _show_version(wanted: bool) -> None:
@@ -214,11 +208,11 @@ def grasp(
         list[str] | None,
         typer.Option(
             metavar="TARGET",
-            help="Send what the fingers feel: udp:HOST:PORT (JSON), ws:PORT (JSON to websockets that connect) or tfb:HOST (tactile thimbles); may be given several times.",
+            help="Send what the fingers feel: udp:HOST:PORT (JSON), ws:PORT (JSON to websockets that connect) or tfb:HOST, tfb:HOST/HAND (tactile thimbles); may be given several times.",
             rich_help_panel=MOCAP,
         ),
     ] = None,
-    feedback_rate: Annotated[float, typer.Option(metavar="HERTZ", help="How often.", rich_help_panel=MOCAP)] = 60.0,
+    feedback_rate: Annotated[float | None, typer.Option(metavar="HERTZ", help="How often. Default: 60.", rich_help_panel=MOCAP)] = None,
 ) -> None:
     """Grasp an object, hold it, lift it, shake it, put it down; report how well it was held."""
     from quasirigid.grasp_options import GraspOptions
@@ -260,7 +254,7 @@ def grasp(
             hold=loss_hold,
             fade=loss_fade,
         )
-        with _terminable():
+        with terminable(), placed("--out"):
             grasp_mocap(
                 options,
                 mocap,
@@ -280,11 +274,11 @@ def grasp(
             )
         return
     try:
-        with _terminable(), _progress(quiet=as_json) as progress:
+        with terminable(), placed("--out"), progress_bar(quiet=as_json) as progress:
             result = run_grasp(options, out, record=record, progress=progress, view=page)
     except KeyboardInterrupt as stop:
-        _say(f"interrupted; what was recorded so far is in {out}")
-        raise typer.Exit(143 if isinstance(stop, Terminated) else 130) from None
+        say(f"interrupted; what was recorded so far is in {out}")
+        raise typer.Exit(exit_code(stop)) from None
     if as_json:
         typer.echo(json.dumps(result.summary, indent=2, allow_nan=False))
     else:
@@ -312,7 +306,8 @@ def bench(
     from quasirigid.bench_tables import tables
 
     if json_file is not None and str(json_file) != "-":
-        json_file.open("a", encoding="utf-8").close()  # a file that cannot be written is found out before, not after
+        with placed("--json"):
+            json_file.open("a", encoding="utf-8").close()  # a file that cannot be written is found out before, not after
     with working(quiet=False) as progress:
         results = run_bench(quick=quick, progress=progress)
     text = json.dumps(results, indent=2, allow_nan=False)
@@ -320,7 +315,8 @@ def bench(
         typer.echo(text)
         return
     if json_file is not None:
-        json_file.write_text(text + "\n", encoding="utf-8")
+        with placed("--json"):
+            json_file.write_text(text + "\n", encoding="utf-8")
     console = Console()
     if not console.is_terminal:  # into a file or a pipe, which have no width
         console = Console(width=100)
@@ -355,68 +351,31 @@ cli_view.add_to(app)
 cli_recordings.add_to(app)
 
 
-@contextmanager
-def _progress(*, quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
-    """A progress bar on standard error, if somebody is there to see it."""
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:
-        yield None
-        return
-    parts = (TextColumn("{task.description:<14}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    with Progress(*parts, console=console, transient=True) as bar:
-        task = bar.add_task("setting up", total=1.0)
-        yield lambda phase, done: bar.update(task, description=phase, completed=done)
-
-
-@contextmanager
-def working(*, quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
-    """A progress bar; an interrupt ends the program with its exit code, in one line."""
-    try:
-        with _terminable(), _progress(quiet=quiet) as progress:
-            yield progress
-    except KeyboardInterrupt as stop:
-        _say("interrupted")
-        raise typer.Exit(143 if isinstance(stop, Terminated) else 130) from None
-
-
-@contextmanager
-def _terminable() -> Iterator[None]:
-    """Turns SIGTERM into an exception, so that files are closed on the way out."""
-
-    def stop(_number: int, _frame: FrameType | None) -> NoReturn:
-        raise Terminated
-
-    before = signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-def _say(text: str) -> None:
-    """One line on standard error."""
-    print(f"quasirigid: {' '.join(text.split())}", file=sys.stderr)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
     quiet_fonts()
     command = typer.main.get_command(app)
     try:
         code = command.main(args=list(sys.argv[1:] if arguments is None else arguments), prog_name="quasirigid", standalone_mode=False)
+        sys.stdout.flush()
+    except (BrokenPipeError, SystemExit):
+        # Whoever read standard output has seen enough, like `head`: rich and the parser then end the program. Nothing is left to be written at exit.
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), 1)
+        return 141
     except QuasirigidError as error:
-        _say(str(error))
+        say(str(error))
         return 2
     except Exception as error:
         # Usage errors of the command line parser; they know their own exit code (2).
         if hasattr(error, "format_message"):
             if error.format_message():  # empty when the help was shown for want of arguments
-                _say(f"{error.format_message().rstrip('.')}; see `quasirigid --help`")
+                say(f"{error.format_message().rstrip('.')}; see `quasirigid --help`")
             return int(getattr(error, "exit_code", 2))
         if type(error).__name__ == "Abort":
             return 130
         if isinstance(error, OSError):
-            _say(f"{error.filename or 'a file'}: {error.strerror or error}; choose another place with --out")
+            say(f"{error.filename or 'a file'}: {error.strerror or error}; check the path, its permissions, and the room on the disk")
             return 2
         raise
     return code if isinstance(code, int) else 0

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
-import time
-from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from quasirigid.cli_options import HOST, PAGE, PORT, Browser, Host, Port, Seconds
-
-if TYPE_CHECKING:
-    from quasirigid.view.render import Progress
+from quasirigid.cli_run import linger, placed, terminable, working
 
 REPLAY_EXAMPLES = """[bold]Examples[/bold]
 
@@ -34,7 +30,7 @@ RENDER_EXAMPLES = """[bold]Examples[/bold]
 """
 EXPORT_EXAMPLES = """[bold]Examples[/bold]
 
-[cyan]quasirigid export run.h5 --csv tables[/cyan]  steps.csv, bodies.csv, fingers.csv, contacts.csv
+[cyan]quasirigid export run.h5 --csv tables[/cyan]  steps.csv, poses.csv, fingers.csv, contacts.csv
 
 [cyan]quasirigid export run.h5 --parquet tables[/cyan]  the same as Parquet: smaller, and faster to read
 
@@ -59,17 +55,12 @@ def replay(
     from quasirigid.view.replay import ReplayView
     from quasirigid.view.server import announce, open_browser
 
-    with ReplayView(file, host=host, port=port) as view:
+    with terminable(), ReplayView(file, host=host, port=port) as view:
         announce(view.url, host, port, page="replay", can="watch the recording", ends="Ctrl-C ends it")
         if browser:
             open_browser(view.url)
         view.timeline.play(play)
-        end = None if seconds is None else time.monotonic() + seconds
-        try:
-            while end is None or time.monotonic() < end:
-                time.sleep(0.1)
-        except KeyboardInterrupt:
-            pass  # the way to end it
+        linger(seconds)
 
 
 def render(
@@ -104,7 +95,7 @@ def render(
         labels=labels,
         single=at is not None,
     )
-    with interruptible(quiet=as_json) as progress:
+    with working(quiet=as_json) as progress, placed("--out"):
         paths = draw(file, out, options, jobs=jobs, progress=progress)
     tell(paths, as_json=as_json)
 
@@ -126,14 +117,17 @@ def export(
     if csv is None and parquet is None and rerun is None:
         raise typer.BadParameter("say where to: --csv DIR, --parquet DIR or --rerun FILE")
     paths: list[Path] = []
-    with interruptible(quiet=as_json) as progress:
+    with working(quiet=as_json) as progress:
         chosen: dict[str, Any] = {"every": every, "start": start, "end": end, "progress": progress}
         if csv is not None:
-            paths += export_tables(file, csv, "csv", **chosen)
+            with placed("--csv"):
+                paths += export_tables(file, csv, "csv", **chosen)
         if parquet is not None:
-            paths += export_tables(file, parquet, "parquet", **chosen)
+            with placed("--parquet"):
+                paths += export_tables(file, parquet, "parquet", **chosen)
         if rerun is not None:
-            paths += export_rerun(file, rerun, **chosen)
+            with placed("--rerun"):
+                paths += export_rerun(file, rerun, **chosen)
     tell(paths, as_json=as_json)
 
 
@@ -145,13 +139,6 @@ def parse_size(text: str) -> tuple[int, int]:
     if not (width.isdecimal() and height.isdecimal()):
         raise InvalidShapeError("size", "width x height in pixels", text, "give --size 1280x720")
     return int(width), int(height)
-
-
-def interruptible(*, quiet: bool) -> AbstractContextManager[Progress | None]:
-    """A progress bar, and an end in good order when the process is told to stop."""
-    from quasirigid.cli import working
-
-    return working(quiet=quiet)
 
 
 def tell(paths: list[Path], *, as_json: bool) -> None:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -30,6 +28,10 @@ from quasirigid.cli_options import (
     Threads,
     Yielding,
 )
+from quasirigid.cli_run import linger, say, terminable
+
+if TYPE_CHECKING:
+    from quasirigid.world_recorder import LiveRecorder
 
 EXAMPLES = """[bold]Examples[/bold]
 
@@ -86,33 +88,35 @@ def view(
     )
     play = Play(options)
     recorder = None if record is None else LiveRecorder(record)
-    if recorder is not None:
-        recorder.begin(play)  # a place where nothing can be written is found out now
-    live = LiveView(play, options, host=host, port=port)
-    if recorder is not None:
-        live.session.observe(recorder)
-    live.start()
-    announce(live.url, host, port, page="live view", can="drive the hand and load files", ends="Ctrl-C ends it")
-    if browser:
-        open_browser(live.url)
-    if run:
-        live.session.run(True)
+    with terminable():
+        live = LiveView(play, options, host=host, port=port)
+        try:
+            if recorder is not None:
+                # After all that may go wrong: an older recording is replaced now. Where nothing can be written, that is found out now, too.
+                recorder.begin(play)
+                live.session.observe(recorder)
+            live.start()
+            announce(live.url, host, port, page="live view", can="drive the hand and load files", ends="Ctrl-C ends it")
+            if browser:
+                open_browser(live.url)
+            if run:
+                live.session.run(True)
+            linger(seconds)
+        finally:
+            live.stop()
+            if recorder is not None:
+                _finish(recorder)
+
+
+def _finish(recorder: LiveRecorder) -> None:
+    """Closes the recordings and says where they are."""
     try:
-        end = None if seconds is None else time.monotonic() + seconds
-        while end is None or time.monotonic() < end:
-            time.sleep(0.1)
-    except KeyboardInterrupt:
-        pass  # the way to end it
+        recorder.close()
     finally:
-        live.stop()
-        if recorder is not None:
-            try:
-                recorder.close()
-            finally:
-                for path in recorder.paths:
-                    typer.echo(str(path))
-            if recorder.waited > 0.0:
-                print(f"quasirigid: the disk could not follow: the simulation waited {recorder.waited:.2g} s for it", file=sys.stderr)
+        for path in recorder.paths:
+            typer.echo(str(path))
+    if recorder.waited > 0.0:
+        say(f"the disk could not follow: the simulation waited {recorder.waited:.2g} s for it")
 
 
 def add_to(app: typer.Typer) -> None:

@@ -7,13 +7,16 @@ The compiled module raises the same classes.
 from __future__ import annotations
 
 __all__ = [
+    "CaptureFileError",
     "DegenerateSurfaceError",
     "GraspPlanError",
     "InvalidHandleError",
     "InvalidShapeError",
     "InvalidValueError",
     "MissingPackageError",
+    "NetworkError",
     "ObjectFileError",
+    "PacketError",
     "QuasirigidError",
     "RecordingError",
     "SurfaceWarning",

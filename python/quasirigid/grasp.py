@@ -59,6 +59,8 @@ DROPPED_AT = 0.03
 LOST_FOR = 0.05
 """The same after as long without a touch, s."""
 GRAVITY = 9.81
+LEAST_PLANNED = 0.2
+"""Friction that a grasp is planned with at least: what is more slippery shall be seen to slip, not be refused."""
 
 Progress = Callable[[str, float], None]
 """Told now and then the phase and the share of the whole run that is done."""
@@ -116,7 +118,8 @@ def take_box(options: GraspOptions) -> Taken:
 
 def take_surface(name: str, surface: Surface, mass: MassProperties, options: GraspOptions, friction: float) -> Taken:
     """Any object: a grasp is found for it. Raises ``GraspPlanError`` where the hand cannot take it."""
-    plan = plan_grasp(surface.points, surface.normals, mass.centre, friction=max(friction, 0.2))
+    plan = plan_grasp(surface.points, surface.normals, mass.centre, friction=max(friction, LEAST_PLANNED))
+    notes = (f"the grasp was planned as if friction were {LEAST_PLANNED:g}, not {friction:.3g}",) if friction < LEAST_PLANNED else ()
     needed = mass.mass * GRAVITY / plan.weight_per_squeeze if plan.weight_per_squeeze > 0.0 else 0.0
     return Taken(
         name=name,
@@ -128,6 +131,7 @@ def take_surface(name: str, surface: Surface, mass: MassProperties, options: Gra
         width=plan.width,
         approach=plan.approach,
         squeeze=options.squeeze or max(BOX_SQUEEZE, 3.0 * needed),
+        warnings=notes,
     )
 
 
@@ -147,7 +151,8 @@ def take_file(options: GraspOptions, friction: float, density: float) -> Taken:
         )
     surface = Surface.from_points(thing.points, thing.normals, thing.areas)
     mass = MassProperties(thing.mass, thing.centre_of_mass, thing.inertia)
-    return replace(take_surface(thing.name, surface, mass, options, friction), warnings=tuple(thing.warnings))
+    taken = take_surface(thing.name, surface, mass, options, friction)
+    return replace(taken, warnings=thing.warnings + taken.warnings)
 
 
 @dataclass(frozen=True)
@@ -362,7 +367,7 @@ class Grasp:
             # Time that was lost is not made up for.
             self._began = max(self._began, time.perf_counter() - self.world.time - self.options.dt)
             time.sleep(max(0.0, self._began + self.world.time - time.perf_counter()))
-        state = self.scene.state(report, phase, moved=recorder.wants_deformation)
+        state = self.scene.state(report, phase, moved=recorder.wants_deformation(self.world.time))
         sums = contact_sums(state.contacts, self._thing, self._finger_of, len(self.fingers))
         self._carried = float(sums["hand/force_on_object"][:, 2].sum())
         self._untouched = 0.0 if sums["hand/contacts"].any() else self._untouched + self.options.dt

@@ -32,6 +32,7 @@ def grasp_panel(result: GraspResult) -> Panel:
     if s["drift_m_per_s"] is not None:
         drift = f"{_with_prefix(s['drift_m_per_s'], 'm/s')}, {_with_prefix(s['spin_rad_per_s'], 'rad/s')}"
         table.add_row("drift", drift + " in the hand, over the last second of the hold")
+    if s["normal_force_n"] is not None:
         table.add_row("pressing", per_finger("normal_force_n"))
         table.add_row("friction", per_finger("tangential_force_n"))
         table.add_row("slip margin", f"{100 * s['slip_margin']:.0f} % of the friction limit left on the weakest finger")

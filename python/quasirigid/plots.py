@@ -123,6 +123,8 @@ def motion(columns: Columns, *, dt: float, subtitle: str = "") -> Figure:
             if span.name in ("hold", "hold again"):
                 speeds = creep(relative[settled(span, dt)], dt)
                 for axes, speed, unit in zip((middle, bottom), speeds, ("nm/s", "nrad/s"), strict=True):
+                    if speed is None:  # a hold of one step
+                        continue
                     place = (0.5 * (span.start + span.end), 0.05)
                     text = f"last second: {1e9 * speed:.2g} {unit}"
                     axes.annotate(text, place, xycoords=axes.get_xaxis_transform(), ha="center", fontsize=8, color=INK)

@@ -7,6 +7,7 @@ import math
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -17,13 +18,32 @@ import numpy.typing as npt
 
 from quasirigid.errors import InvalidShapeError, InvalidValueError, RecordingError
 from quasirigid.recording import CONSTANT, FORMAT, STILL, VERSION, Column
+from quasirigid.recording_place import Place
 from quasirigid.recording_writer import LEVEL, Block, PackedColumn, RecordingWriter, unwritable
 
 RAGGED_CHUNK = 4096
 """Rows. The last chunk is written anew with every block, and its old place in the file is lost: 9 % of the recording of a grasp, 6 % with
 2048 rows and 16 % with 8192; but fewer rows compress less well.
 """
+Array = npt.NDArray[Any]
+NOT_PLAIN: tuple[float, float, tuple[type, ...]] = (0.0, 0.0, ())
 PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": LEVEL, "shuffle": True}
+
+
+class _Filling:
+    """The steps that wait to become a block."""
+
+    def __init__(self, steps: Sequence[Column], size: int, before: int, ends: Mapping[str, int], ready: Block | None) -> None:
+        self.rows: dict[str, Array] = {c.name: np.zeros((size, *c.shape), c.dtype) for c in steps}
+        """By step column: a row for each step; those of steps that are not in are of no account."""
+        self.ragged: list[tuple[Array, ...]] = []
+        """By step: the rows of every ragged column. A step is in once it is here."""
+        self.before = before
+        """Steps in the blocks before this one."""
+        self.ends = ends
+        """By group of ragged columns: the row after the last of the block before."""
+        self.ready = ready
+        """The block before this one, until the writer has it."""
 
 
 class Recorder:
@@ -48,7 +68,6 @@ class Recorder:
                     f"resolution of {c.name}", "a power of 2, on numbers with a point", c.resolution, "give 2.0**-30 or 0"
                 )
         self.path = Path(path)
-        self.steps = 0
         self._block = block
         ends = {c.group for c in columns if c.ragged}
         self._stills = [c for c in columns if c.still]
@@ -57,20 +76,18 @@ class Recorder:
         steps += sorted((c for c in columns if not c.ragged and not c.still), key=lambda c: c.name == "time")
         self._ragged = [c for c in columns if c.ragged]
         self._steps = steps
-        self._end = dict.fromkeys(ends, 0)
-        self._ready: Block | None = None
-        self._new_block()
+        self._plain = {c.name: _plain(c) for c in steps if not c.shape and np.dtype(c.dtype).kind in "fiu"}
+        self._filling = _Filling(steps, block, 0, dict.fromkeys(ends, 0), None)
         with _written(self.path):
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = h5py.File(self.path, "w", libver="latest")
-            self._writer = self._begin(attributes or {}, constants or {})
+            self._place = Place(self.path)
+            try:
+                self._file = h5py.File(self._place.draft, "w", libver="latest")
+                self._writer = self._begin(attributes or {}, constants or {})
+            except BaseException:
+                self._place.abandon()  # half a head is no recording
+                raise
         # If nobody closes the recording: when it is collected as garbage, or at the end of the program.
-        self._forgotten = weakref.finalize(self, _end_forgotten, self._writer, self._file)
-
-    def _new_block(self) -> None:
-        self._rows = {c.name: np.zeros((self._block, *c.shape), c.dtype) for c in self._steps}
-        self._pending: dict[str, list[npt.NDArray[Any]]] = {c.name: [] for c in self._ragged}
-        self._fill = 0
+        self._forgotten = weakref.finalize(self, _end_forgotten, self._writer, self._file, self._place)
 
     def _begin(self, attributes: Mapping[str, Any], constants: Mapping[str, npt.NDArray[Any]]) -> RecordingWriter:
         """Write what is there from the start."""
@@ -83,10 +100,10 @@ class Recorder:
             packs = {c.name: PackedColumn(self._create(c), c.resolution) for c in self._ragged + self._steps}
             stills = {c.name: self._create(c) for c in self._stills}
             self._file.swmr_mode = True
+            self._place.settle()
             return RecordingWriter(packs, stills, str(self.path))
         except BaseException:
             self._file.close()
-            self.path.unlink(missing_ok=True)  # half a head is no recording
             raise
 
     def _create(self, column: Column) -> h5py.Dataset:
@@ -110,6 +127,11 @@ class Recorder:
         return data
 
     @property
+    def steps(self) -> int:
+        """Steps appended so far."""
+        return self._filling.before + len(self._filling.ragged)
+
+    @property
     def waited(self) -> float:
         """How long ``append`` had to wait because the disk could not follow, s."""
         return self._writer.waited
@@ -117,60 +139,73 @@ class Recorder:
     def append(self, row: Mapping[str, Any]) -> None:
         """Add one step: a value for every step column and an array for every ragged one (same length within a group).
 
-        Raises ``InvalidShapeError`` for a row that does not fit, and ``RecordingError`` if earlier ones could not be written.
+        Values may have more digits than their column; nothing else is made to fit. Raises ``InvalidShapeError`` for a row of the wrong shape,
+        ``InvalidValueError`` for values that a column cannot hold, and ``RecordingError`` if earlier rows could not be written.
         """
         self._writer.check()
+        filling = self._filling
+        if len(filling.ragged) == self._block:  # an interrupt came before they were handed over
+            self._hand_over()
+            filling = self._filling
+        at = len(filling.ragged)
         counts: dict[str, int] = {}
-        ragged: list[npt.NDArray[Any]] = []
+        ragged: list[Array] = []
         for c in self._ragged:
-            if c.name not in row:
-                raise _missing(c)
-            values = np.array(row[c.name], c.dtype)  # a copy: it is written later, and may be changed until then
-            if values.shape[1:] != c.shape or counts.setdefault(c.group, len(values)) != len(values):
-                expected = f"({counts.get(c.group, 'n')}, {', '.join(map(str, c.shape))})"
-                raise InvalidShapeError(c.name, expected, str(values.shape), "all columns of a group have as many rows")
-            ragged.append(values)
+            given = _given(c, row)
+            if given.ndim != 1 + len(c.shape) or given.shape[1:] != c.shape or counts.setdefault(c.group, len(given)) != len(given):
+                expected = f"({', '.join(map(str, (counts.get(c.group, 'n'), *c.shape)))})"
+                raise InvalidShapeError(c.name, expected, str(given.shape), "all columns of a group have as many rows")
+            held = _held(c, given)
+            ragged.append(held.copy() if held is given else held)  # it is written later, and may be changed until then
         for c in self._steps:
-            if c.name in row:
-                try:
-                    self._rows[c.name][self._fill] = row[c.name]
-                except ValueError:
-                    raise InvalidShapeError(c.name, str(c.shape), str(np.shape(row[c.name])), "one row of the column's shape") from None
-            elif not c.name.endswith("/end"):
-                raise _missing(c)
-        # Nothing was changed up to here, so that a refused row leaves nothing behind.
-        for c, values in zip(self._ragged, ragged, strict=True):
-            if len(values):
-                self._pending[c.name].append(values)
+            name = c.name
+            least, most, plain = self._plain.get(name, NOT_PLAIN)
+            value: Any = row.get(name)
+            if type(value) in plain and least <= value <= most:  # what comes most often, the quick way
+                filling.rows[name][at] = value
+            elif name in row or not name.endswith("/end"):
+                given = _given(c, row)
+                if given.shape != c.shape:
+                    raise InvalidShapeError(name, str(c.shape), str(given.shape), "one row of the column's shape")
+                filling.rows[name][at] = _held(c, given)
         for group, count in counts.items():
-            self._end[group] += count
-            self._rows[f"{group}/end"][self._fill] = self._end[group]
-        self._fill += 1
-        self.steps += 1
-        if self._fill == self._block:
+            ends = filling.rows[f"{group}/end"]
+            ends[at] = count + (ends[at - 1] if at else filling.ends[group])
+        # The step is in from here on: a refused row, or an interrupt above, leaves nothing behind.
+        filling.ragged.append(tuple(ragged))
+        if at + 1 == self._block:
             self._hand_over()
 
     def _hand_over(self) -> None:
-        """Give the writer what was appended since the last time. After an interrupt it may be called again."""
+        """Give the writer what was appended since the last time. After an interrupt, wherever it came, it may be called again."""
         self._give_ready()
-        if self._fill:
-            self._ready = Block(self._pending, {name: rows[: self._fill] for name, rows in self._rows.items()})
-            self._new_block()
+        full = self._filling
+        count = len(full.ragged)
+        if count:
+            ragged = dict(zip((c.name for c in self._ragged), zip(*full.ragged, strict=True), strict=False))
+            block = Block(ragged, {name: rows[:count] for name, rows in full.rows.items()})
+            ends = {group: int(full.rows[f"{group}/end"][count - 1]) for group in full.ends}
+            # One statement: these steps are either still filling or ready, never both or neither.
+            self._filling = _Filling(self._steps, self._block, full.before + count, ends, block)
             self._give_ready()
 
     def _give_ready(self) -> None:
-        if self._ready is not None:
-            self._writer.give(self._ready)
-            self._ready = None
+        if self._filling.ready is not None:
+            self._writer.give(self._filling.ready)
+            self._filling.ready = None
 
     def still(self, values: Mapping[str, Any]) -> None:
-        """Write stills, by name; they are on disk at once. A still that was written before is replaced."""
+        """Write stills, by name; they are on disk at once. A still that was written before is replaced.
+
+        Raises ``InvalidShapeError`` and ``InvalidValueError`` as ``append``.
+        """
         known = {c.name: c for c in self._stills}
         for name, value in values.items():
             given = np.asarray(value)
             if name not in known or given.shape != known[name].shape:
                 expected = str(known[name].shape) if name in known else "one of the stills of this recording"
                 raise InvalidShapeError(name, expected, str(given.shape), "name it and its shape when the recording is made")
+            _held(known[name], given)
         self._writer.give(dict(values))
         self._writer.drain()
 
@@ -186,11 +221,21 @@ class Recorder:
         """
         if not self._file:
             return
-        self._end_file()
-        with _written(self.path), h5py.File(self.path, "r+", libver="latest") as file:
-            file.attrs["complete"] = True
-            for key, value in attributes.items():
-                file.attrs[key] = json.dumps(value) if isinstance(value, dict | list) else value
+        try:
+            self._end_file()
+            with _written(self.path), self._reopened() as file:
+                file.attrs["complete"] = True
+                for key, value in attributes.items():
+                    file.attrs[key] = json.dumps(value) if isinstance(value, dict | list) else value
+        finally:
+            self._place.release()
+
+    def _reopened(self) -> h5py.File:
+        """The finished file. Whoever reads it in another process has it locked, but is not disturbed by what is added."""
+        try:
+            return h5py.File(self._place.target, "r+", libver="latest")
+        except BlockingIOError:
+            return h5py.File(self._place.target, "r+", libver="latest", locking=False)
 
     def _end_file(self) -> None:
         try:
@@ -219,12 +264,15 @@ class Recorder:
             except RecordingError:
                 if not isinstance(error, RecordingError):  # else it is on its way already
                     raise
+            finally:
+                self._place.release()
 
 
-def _end_forgotten(writer: RecordingWriter, file: h5py.File) -> None:
+def _end_forgotten(writer: RecordingWriter, file: h5py.File, place: Place) -> None:
     writer.stop()
     with suppress(OSError, RuntimeError):  # nobody is left to be told
         file.close()
+    place.release()
 
 
 @contextmanager
@@ -238,5 +286,52 @@ def _written(path: Path) -> Iterator[None]:
         raise unwritable(str(path), error) from error
 
 
-def _missing(column: Column) -> InvalidShapeError:
-    return InvalidShapeError(column.name, "a value in every step", "none", "give a value for every column of the recording")
+def _given(column: Column, row: Mapping[str, Any]) -> Array:
+    """The value of a column as an array. Raises ``InvalidShapeError`` if there is none, or nothing that an array can be made of."""
+    if column.name not in row:
+        raise InvalidShapeError(column.name, "a value in every step", "none", "give a value for every column of the recording")
+    try:
+        return np.asarray(row[column.name])
+    except ValueError as error:
+        raise InvalidShapeError(column.name, f"rows of {column.shape}", str(error), "give a NumPy array") from None
+
+
+@cache
+def _dtype(name: str) -> np.dtype[Any]:
+    """A type by its name, which NumPy would read anew every time."""
+    return np.dtype(name)
+
+
+def _plain(column: Column) -> tuple[float, float, tuple[type, ...]]:
+    """Which of Python's own numbers a column of numbers can hold: least, most, types."""
+    wanted = np.dtype(column.dtype)
+    if wanted.kind == "f":
+        return -math.inf, math.inf, (float,)
+    return int(np.iinfo(wanted).min), int(np.iinfo(wanted).max), (int, bool)
+
+
+def _held(column: Column, given: Array) -> Array:
+    """The values as a column holds them: the same but for digits beyond its precision. Raises the errors of ``Recorder.append`` for others."""
+    wanted, dtype = _dtype(column.dtype), given.dtype
+    if dtype == wanted:
+        return given
+    if wanted.kind == "S":
+        if dtype.kind != "S" or dtype.itemsize > wanted.itemsize:
+            raise InvalidValueError(
+                column.name, f"at most {wanted.itemsize} bytes", _shown(given), "say it in fewer words, as bytes (UTF-8)"
+            )
+        return given
+    if dtype.kind not in "fiub":
+        raise InvalidShapeError(column.name, "numbers", _shown(given), "give a number, or an array of numbers")
+    whole = wanted.kind != "f" and given.size > 0
+    if not (whole and dtype.kind == "f"):
+        held = given.astype(wanted)
+        if not whole or not np.count_nonzero(held != given):
+            return held
+    expected = f"whole numbers from {np.iinfo(wanted).min} to {np.iinfo(wanted).max}"
+    raise InvalidValueError(column.name, expected, _shown(given), "round them yourself, or give the column another dtype")
+
+
+def _shown(values: Array) -> str:
+    """The beginning of some values, for a message."""
+    return " ".join(f"{values!r:.60}".split())

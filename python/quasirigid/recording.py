@@ -13,9 +13,11 @@ with ``Recording(path)``, or with ``h5py.File(path, "r", swmr=True)``.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import h5py
 import numpy.typing as npt
@@ -27,6 +29,7 @@ VERSION = 2
 """1 (2026): a grasp without what a replay needs. 2: every column of a replay; contacts as the engine has them, see ``scene_recording``."""
 STILL = "still: one row, or none if the run did not get there"
 CONSTANT = "constant: the same in every step"
+Rows: TypeAlias = slice | int
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,8 @@ class Column:
 class Recording:
     """Reads a recording: ``recording["object/velocity"]`` is a NumPy array with one row per step.
 
-    Works on files of finished, interrupted, killed and running jobs alike; ``complete`` tells.
+    Works on files of finished, interrupted, killed and running jobs alike; ``complete`` tells. Whatever is read raises ``ObjectFileError``
+    where the file is damaged.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -67,13 +71,20 @@ class Recording:
         except OSError as error:
             found = "a directory" if self.path.is_dir() else str(error)
             raise ObjectFileError(str(path), "a recording (HDF5)", found, "give the path of a recording.h5") from None
+        try:
+            with _readable(self.path):
+                self._look()
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _look(self) -> None:
+        """Find out what is in the file."""
         if self._file.attrs.get("format") != FORMAT:
-            self._file.close()
-            raise ObjectFileError(str(path), "a recording of quasirigid", "some other HDF5 file", "give the path of a recording.h5")
+            raise ObjectFileError(str(self.path), "a recording of quasirigid", "some other HDF5 file", "give the path of a recording.h5")
         if self.version > VERSION:
-            found = f"version {self.version}"
-            self._file.close()
-            raise ObjectFileError(str(path), f"a recording of version {VERSION} or older", found, "update quasirigid to read it")
+            expected = f"a recording of version {VERSION} or older"
+            raise ObjectFileError(str(self.path), expected, f"version {self.version}", "update quasirigid to read it")
         self.names: list[str] = []
         self._file.visititems(lambda name, item: self.names.append(name) if isinstance(item, h5py.Dataset) else None)
         special = {name: str(self._file[name].attrs["rows"]) for name in self.names if "rows" in self._file[name].attrs}
@@ -107,40 +118,39 @@ class Recording:
 
     def __getitem__(self, name: str) -> npt.NDArray[Any]:
         """A whole column: (steps, ...), (all rows, ...) for a ragged one, (1 or 0, ...) for a still; a constant as it is."""
-        if name not in self.names:
-            raise UnknownNameError("column", f"one of {', '.join(sorted(self.names))}", name, "see Recording.names")
         if name in self._stills | self._constants:
-            still: npt.NDArray[Any] = self._file[name][:]
-            return still
-        stop = self._stop(name, self.steps - 1) if name in self._ragged else self.steps
-        values: npt.NDArray[Any] = self._file[name][:stop]
-        return values
+            return self._read(name, slice(None))
+        return self._read(name, slice(self._stop(name, self.steps - 1) if name in self._ragged else self.steps))
 
     def row(self, name: str, step: int) -> npt.NDArray[Any]:
         """One step of a step column."""
-        values: npt.NDArray[Any] = self._file[name][range(self.steps)[step]]
-        return values
+        return self._read(name, range(self.steps)[step])
 
     def slice(self, name: str, start: int, stop: int) -> npt.NDArray[Any]:
         """Rows ``start`` to ``stop`` of a step column or a ragged one."""
-        values: npt.NDArray[Any] = self._file[name][start:stop]
-        return values
+        return self._read(name, slice(start, stop))
 
     def rows(self, group: str, step: int) -> dict[str, npt.NDArray[Any]]:
         """The ragged rows of one step, by column name within the ``group``: ``rows("contacts", 10)["point"]``."""
         step = range(self.steps)[step]
         columns = [name for name in self._ragged if name.startswith(f"{group}/")]
-        start = self._stop(f"{group}/end", step - 1)
-        stop = self._stop(f"{group}/end", step)
-        return {name.removeprefix(f"{group}/"): self._file[name][start:stop] for name in sorted(columns)}
+        mine = slice(self._stop(f"{group}/end", step - 1), self._stop(f"{group}/end", step))
+        return {name.removeprefix(f"{group}/"): self._read(name, mine) for name in sorted(columns)}
 
     def stills(self, group: str) -> dict[str, npt.NDArray[Any]]:
         """The stills of a ``group`` by their names within it; empty if the run did not get to where they are written."""
         names = sorted(name for name in self._stills if name.startswith(f"{group}/") and len(self._file[name]))
-        return {name.removeprefix(f"{group}/"): self._file[name][0] for name in names}
+        return {name.removeprefix(f"{group}/"): self._read(name, 0) for name in names}
 
     def _stop(self, name: str, step: int) -> int:
-        return int(self._file[name.rpartition("/")[0] + "/end"][step]) if step >= 0 else 0
+        return int(self._read(name.rpartition("/")[0] + "/end", step)) if step >= 0 else 0
+
+    def _read(self, name: str, rows: Rows) -> npt.NDArray[Any]:
+        if name not in self.names:
+            raise UnknownNameError("column", f"one of {', '.join(sorted(self.names))}", name, "see Recording.names")
+        with _readable(self.path):
+            values: npt.NDArray[Any] = self._file[name][rows]
+        return values
 
     def close(self) -> None:
         """Close the file."""
@@ -151,3 +161,15 @@ class Recording:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """What HDF5 says of a file that it cannot make sense of, as ``ObjectFileError``."""
+    try:
+        yield
+    except ObjectFileError:
+        raise
+    except (OSError, RuntimeError, KeyError) as error:
+        found = " ".join(str(error).split())
+        raise ObjectFileError(str(path), "a recording that can be read", found, "the file is damaged: record again") from error

@@ -15,7 +15,7 @@ import queue
 import threading
 import time
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,7 +38,7 @@ Array = npt.NDArray[Any]
 class Block:
     """Some steps. Columns are written in the order in which they stand here, ragged ones first."""
 
-    ragged: Mapping[str, list[Array]]
+    ragged: Mapping[str, Sequence[Array]]
     """By column: the rows of one step each."""
     steps: Mapping[str, Array]
     """By column: one row per step."""
@@ -149,8 +149,9 @@ class RecordingWriter:
     def _write(self, job: Block | Mapping[str, Any]) -> None:
         if isinstance(job, Block):
             for name, parts in job.ragged.items():
-                if parts:
-                    self._columns[name].extend(np.concatenate(parts))
+                rows = np.concatenate(parts)
+                if len(rows):
+                    self._columns[name].extend(rows)
                     time.sleep(YIELD)
             for name, rows in job.steps.items():
                 self._columns[name].extend(rows)

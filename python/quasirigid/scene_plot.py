@@ -381,7 +381,9 @@ def scene(shot: Shot) -> Figure:
         22 / WIDTH, 1 - 20 / HEIGHT, f"{_title(thing)}, held by friction alone", fontsize=13, fontweight="bold", color=INK, va="top"
     )
     words = f"{1e3 * mass:.3g} g" if mass < 1.0 else f"{mass:.3g} kg"
-    words += f", squeezed with {float(a['squeeze_n']):.3g} N, friction {float(a['friction']):.2g}; moves {_speed(shot.drift)} in the hand"
+    words += f", squeezed with {float(a['squeeze_n']):.3g} N, friction {float(a['friction']):.2g}"
+    if shot.drift is not None:
+        words += f"; moves {_speed(shot.drift)} in the hand"
     figure.text(22 / WIDTH, 1 - 54 / HEIGHT, words, fontsize=9.5, color=MUTED, va="top")
     pressing = [float(shot.contacts["reaction"][shot.patch(f), 0].sum()) for f in range(len(shot.fingers))]
     if max(pressing) > 0.0:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -31,6 +32,10 @@ POINT_RESOLUTION, GAP_RESOLUTION, MOVED_RESOLUTION = 2.0**-24, 2.0**-33, 2.0**-3
 """Where contacts are is recorded to 30 nm, their gap to 0.06 nm, deformation to 0.5 nm: half of these, m. The digits below are noise, which
 cannot be compressed and would be a third of a recording.
 """
+PHASE_BYTES = 64
+"""Longest name of a phase, in UTF-8."""
+ROWS_AT_ONCE = 2**18
+"""Rows of a column that are read at a time where all are looked at: a few megabytes."""
 UNCHANGED = 1e-9
 """Deformation that differs by less than this from what was written last is not written again, m."""
 
@@ -69,7 +74,7 @@ def scene_columns(model: SceneModel, joints: tuple[int, int]) -> list[Column]:
         Column("report/quarantined", (), "i4", what="bodies set aside in this step"),
         Column("report/step_time", unit="s", what="computing time of the step"),
         Column("report/stage_times", (len(STAGES),), unit="s", what="computing time of the stages", labels=STAGES),
-        Column("phase", (), "S32", what="what is going on, UTF-8"),
+        Column("phase", (), f"S{PHASE_BYTES}", what="what is going on, UTF-8"),
         Column("time", unit="s", what="simulated time at the end of the step"),
     ]
 
@@ -116,7 +121,9 @@ class SceneRecorder:
         own = {column.name for column in columns}
         common = [column for column in scene_columns(model, joints) if column.name not in own]
         self.model = model
-        self._every = max(1, round(1.0 / (model.dt * deformation_rate)))
+        # To the nearest step: the deformation is never older than this and half a step.
+        self._interval = 1.0 / deformation_rate - 0.5 * model.dt
+        self._looked_at = -math.inf
         self._own = {column.name: column for column in columns}
         self._moved_at = -1
         self._moved: Mapping[int, Moved] = {}
@@ -142,27 +149,28 @@ class SceneRecorder:
         """How long ``append`` had to wait because the disk could not follow, s."""
         return self._recorder.waited
 
-    @property
-    def wants_deformation(self) -> bool:
-        """True if the next step is one whose deformation is written: in others ``SceneState.moved`` may be left empty."""
-        return self._recorder.steps % self._every == 0
+    def wants_deformation(self, time: float) -> bool:
+        """Whether the deformation of a state at ``time`` s is written: if not, its ``SceneState.moved`` may be left empty."""
+        return abs(time - self._looked_at) >= self._interval
 
     def append(self, state: SceneState, row: Mapping[str, Any] | None = None, report: StepReport | None = None) -> None:
-        """Add one step. ``row`` holds the values of the further columns, ``report`` what only the engine's report knows."""
+        """Add one step. ``row`` holds the values of the further columns, ``report`` what only the engine's report knows.
+
+        Raises ``InvalidShapeError`` for other bodies than those of the model, ``InvalidValueError`` for a phase longer than ``PHASE_BYTES``.
+        """
         if len(state.positions) != len(self.model.bodies):
             expected, got = f"{len(self.model.bodies)} bodies, those of the model", f"{len(state.positions)}"
             raise InvalidShapeError("state", expected, got, "a recording has the same bodies from start to end: start a new one")
-        moved: Mapping[int, Moved] = {}
-        if self.wants_deformation and self._has_changed(state.moved):
-            moved = self._moved = state.moved
-            self._moved_at = self._recorder.steps
+        wanted = self.wants_deformation(state.time)
+        changed = wanted and self._has_changed(state.moved)
+        moved: Mapping[int, Moved] = state.moved if changed else {}
         quarantined = np.zeros(len(self.model.bodies), "u1")
         quarantined[list(state.quarantined)] = 1
         went, self._aside = len(set(state.quarantined) - self._aside), frozenset(state.quarantined)
         c = state.contacts
         values: dict[str, Any] = {
             "time": state.time,
-            "phase": state.phase.encode()[:32],
+            "phase": state.phase.encode(),
             "frames/pose": np.concatenate([state.positions, state.quaternions], axis=1)[self._carriers],
             "bodies/quarantined": quarantined,
             "contacts/point": c.points,
@@ -176,7 +184,7 @@ class SceneRecorder:
             "contacts/body_a": c.body_a,
             "contacts/body_b": c.body_b,
             **self._moved_rows(moved),
-            "moved/step": self._moved_at,
+            "moved/step": self._recorder.steps if changed else self._moved_at,
             "fingers/force": state.finger_forces,
             "fingers/normal_force": state.normal_forces,
             "hand/joint_positions": state.joint_positions,
@@ -190,6 +198,10 @@ class SceneRecorder:
             "report/stage_times": [state.stage_times.get(name, 0.0) for name in STAGES],
         }
         self._recorder.append({**values, **(row or {})})
+        if wanted:
+            self._looked_at = state.time
+        if changed:
+            self._moved, self._moved_at = moved, self._recorder.steps - 1
 
     def _has_changed(self, moved: Mapping[int, Moved]) -> bool:
         """True if the deformation is another than what was written last: an object at rest costs nothing."""
@@ -206,8 +218,8 @@ class SceneRecorder:
         bodies = [np.full(len(m.indices), body) for body, m in parts]
         shifts = [m.points - self.model.bodies[body].points[m.indices] for body, m in parts]
         return {
-            "moved/body": np.concatenate([np.zeros(0), *bodies]),
-            "moved/index": np.concatenate([np.zeros(0), *(m.indices for _, m in parts)]),
+            "moved/body": np.concatenate([np.zeros(0, np.int64), *bodies]),
+            "moved/index": np.concatenate([np.zeros(0, np.int64), *(m.indices for _, m in parts)]),
             "moved/displacement": np.concatenate([np.zeros((0, 3)), *shifts]),
         }
 
@@ -293,11 +305,14 @@ class SceneRecording:
         """Largest pressure on a fingertip from the ``first`` to the ``last`` step, Pa; on anything if there are no fingertips."""
         first, last = range(len(self))[first], range(len(self))[last]
         ends = self.columns["contacts/end"]
-        rows = slice(int(ends[first - 1]) if first else 0, int(ends[last]))
-        pressure, tips = self.columns["contacts/pressure"][rows], self.model.fingertips()
-        if tips:
-            pressure = pressure[np.isin(self.columns["contacts/body_a"][rows], tips) | np.isin(self.columns["contacts/body_b"][rows], tips)]
-        return float(pressure.max(initial=0.0))
+        begin, end, tips = int(ends[first - 1]) if first else 0, int(ends[last]), self.model.fingertips()
+        peak = 0.0
+        for start in range(begin, end, ROWS_AT_ONCE):  # all at once may not fit into memory
+            stop = min(start + ROWS_AT_ONCE, end)
+            pressure, a, b = (self.columns.slice(f"contacts/{name}", start, stop) for name in ("pressure", "body_a", "body_b"))
+            mine = np.isin(a, tips) | np.isin(b, tips) if tips else slice(None)
+            peak = float(pressure[mine].max(initial=peak))
+        return peak
 
     def contacts(self, step: int) -> ContactsState:
         """The contacts of a step."""

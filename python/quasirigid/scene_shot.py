@@ -24,7 +24,8 @@ class Shot:
     fingers: list[str]
     forces: FloatArray
     """(fingers, 3) N on the object, world."""
-    drift: float
+    drift: float | None
+    """m/s in the hand, or ``None`` of a hold of one step."""
     attributes: dict[str, Any]
 
     @property

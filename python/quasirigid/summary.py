@@ -101,14 +101,14 @@ def moved(poses: FloatArray) -> tuple[FloatArray, FloatArray]:
     return distance, rotation_angle(quaternion_product(conjugate(poses[:1, 3:]), poses[:, 3:]))
 
 
-def creep(poses: FloatArray, dt: float) -> tuple[float, float]:
+def creep(poses: FloatArray, dt: float) -> tuple[float, float] | tuple[None, None]:
     """Speed (m/s, rad/s) of a pose that ought to rest: the furthest that it gets from where it was, over the time watched.
 
-    At least the mean speed; a tremble counts too, which a mean over the window would hide.
+    At least the mean speed; a tremble counts too, which a mean over the window would hide. ``None`` of a single pose: nothing was watched.
     """
     duration = (len(poses) - 1) * dt
     if duration <= 0.0:
-        return 0.0, 0.0
+        return None, None
     distance, angle = moved(poses)
     return float(distance.max() / duration), float(angle.max() / duration)
 

@@ -39,13 +39,14 @@ class WorldRecorder:
     def append(self, report: StepReport | None = None, *, phase: str = "") -> None:
         """Record the world as it is now, after a step; call it once per step, or now and then.
 
-        ``report`` is what the step returned: its figures are recorded too. ``phase`` says in a word or two what is going on.
-        Raises ``InvalidValueError`` if bodies came or went since the recording began: a recording has the same ones from start to end.
+        ``report`` is what the step returned: its figures are recorded too. ``phase`` says in a word or two, of 64 bytes at most, what is going on.
+        Raises ``InvalidValueError`` if the phase is longer, or if bodies came or went since the recording began: a recording has the same ones from
+        start to end.
         """
         if not self._scene.unchanged():
             hint = "close this recording and begin another after adding or removing bodies"
             raise InvalidValueError("world", "the bodies that it had when the recording began", "others", hint)
-        state = self._scene.state(report, phase, moved=self._recorder.wants_deformation)
+        state = self._scene.state(report, phase, moved=self._recorder.wants_deformation(self._scene.world.time))
         self._recorder.append(state, None, report)
 
     @property
@@ -118,7 +119,7 @@ class LiveRecorder:
         if self._recorder is None or self._recorder.model is not scene.model:
             self.begin(play)
             assert self._recorder is not None
-        state = scene.state(play.report, play.phase, moved=self._recorder.wants_deformation)
+        state = scene.state(play.report, play.phase, moved=self._recorder.wants_deformation(scene.world.time))
         self._recorder.append(state, None, play.report)
 
     def close(self) -> None:

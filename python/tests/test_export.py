@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from recorded import record_pinch
 
+import quasirigid as qr
 from quasirigid.cli import main
 from quasirigid.errors import InvalidValueError, MissingPackageError
 from quasirigid.scene_recording import SceneRecording
+from quasirigid.view import export
 from quasirigid.view.export import export_tables
 from quasirigid.view.export_rerun import export_rerun
 
@@ -91,6 +93,38 @@ def test_parquet_holds_the_same(run: Path, tmp_path: Path) -> None:
                 np.testing.assert_allclose(np.array(values, float), np.array(text[name], float), rtol=1e-8)
 
 
+def test_parquet_begins_without_contacts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    world = qr.World()
+    rubber = qr.Material.preset("rubber")
+    world.add_body(qr.Surface.half_space(0.1, points=1_000), rubber, motion="fixed", name="floor")
+    world.add_body(qr.Surface.sphere(0.02, points=500), rubber, mass=0.05, position=(0, 0, 0.022), name="ball")
+    with qr.record(world, tmp_path / "fall.h5") as recording:
+        for _ in range(40):
+            recording.append(world.step())
+    monkeypatch.setattr(export, "BLOCK", 5)
+    for end, some in ((None, True), (0.005, False)):
+        path = export_tables(tmp_path / "fall.h5", tmp_path, "parquet", end=end)[-1]
+        table = parquet.read_table(path)
+        assert [str(table.schema.field(name).type) for name in ("body_a", "status")] == ["string", "string"]
+        assert (table.num_rows > 0) is some
+        assert set(table["status"].to_pylist()) <= {"open", "stick", "slip"}
+
+
+def test_tables_do_not_depend_on_how_they_are_read(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = export_tables(run, tmp_path / "a", "csv", every=3)
+    monkeypatch.setattr(export, "READ", 50)
+    for one, other in zip(whole, export_tables(run, tmp_path / "b", "csv", every=3), strict=True):
+        assert one.read_bytes() == other.read_bytes()
+
+
+def test_the_time_before_the_first_step_is_part_of_the_recording(run: Path, tmp_path: Path) -> None:
+    export_tables(run, tmp_path, "csv", end=0.0)
+    assert read(tmp_path / "steps.csv")["step"] == ["0"]
+    with pytest.raises(InvalidValueError, match=r"expected a time within the recording, 0 to 0\.4 s"):
+        export_tables(run, tmp_path, "csv", end=-0.1)
+
+
 def test_rerun_gets_the_scene(run: Path, tmp_path: Path) -> None:
     pytest.importorskip("rerun", reason="rerun-sdk is not installed")
     (path,) = export_rerun(run, tmp_path / "run.rrd", start=0.2)
@@ -119,5 +153,10 @@ def test_command_line(run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[st
     assert out["bytes"] == sum(Path(file).stat().st_size for file in out["files"])
     assert main(["export", str(run)]) == 2
     assert "--csv DIR" in capfd.readouterr().err
+    (tmp_path / "file").write_text("in the way")
+    assert main(["export", str(run), "--parquet", str(tmp_path / "file")]) == 2
+    err = capfd.readouterr().err
+    assert "File exists; choose another with --parquet" in err
+    assert err.count("\n") == 1
     assert main(["export", str(tmp_path / "none.h5"), "--csv", str(tmp_path)]) == 2
     assert "no such file" in capfd.readouterr().err

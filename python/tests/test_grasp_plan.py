@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import math
-import time
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from elsewhere import DATA, missing
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from quasirigid import MassProperties, Surface
 from quasirigid.errors import GraspPlanError, InvalidShapeError, InvalidValueError, QuasirigidError, UnknownNameError
+from quasirigid.grasp import take_surface
+from quasirigid.grasp_options import GraspOptions
 from quasirigid.grasp_plan import GraspPlan, HandGeometry, plan_grasp
 from quasirigid.objects import load_object
 from quasirigid.objects.sampling import sample_mesh
-
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "objects"
 
 
 def surface(mesh: trimesh.Trimesh, count: int = 8000) -> tuple[np.ndarray, np.ndarray]:
@@ -175,6 +175,14 @@ def test_slippery_cone_has_no_opposing_sides() -> None:
         plan_grasp(points, normals, (0.0, 0.0, 0.0075), friction=0.1)
 
 
+def test_a_grasp_planned_for_more_friction_than_there_is_says_so() -> None:
+    size = (0.05, 0.05, 0.06)
+    box, mass = Surface.box(size, points=2_000), MassProperties.box(size, mass=0.1)
+    slippery, rough = (take_surface("cube", box, mass, GraspOptions(), friction) for friction in (0.05, 0.5))
+    assert slippery.warnings == ("the grasp was planned as if friction were 0.2, not 0.05",)
+    assert rough.warnings == ()
+
+
 @settings(max_examples=12, deadline=None)
 @given(
     st.tuples(*[st.floats(0.03, 0.075)] * 3),
@@ -220,21 +228,18 @@ def test_bad_input_is_a_typed_error() -> None:
     ("name", "size"), [("stanford-bunny", 0.08), ("rocker-arm", 0.08), ("ycb-mustardbottle", None), ("ycb-banana", None)]
 )
 def test_real_object(name: str, size: float | None) -> None:
-    file = DATA / f"{name}.obj"
+    file = DATA / "objects" / f"{name}.obj"
     if not file.exists():
-        pytest.skip(f"{file} is not there")
+        pytest.skip(missing(f"objects/{name}.obj"))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         item = load_object(file, size=size, points=20_000)
     assert item.normals is not None
-    start = time.perf_counter()
     plan = plan_grasp(item.points, item.normals)
-    seconds = time.perf_counter() - start
     print(
         f"\n{name}: {plan.approach}, width {1e3 * plan.width:.1f} mm, centre {np.round(1e3 * plan.centre, 1)} mm, "
-        f"{plan.weight_per_squeeze:.2f} N per N, score {plan.score:.3f}, {seconds:.2f} s"
+        f"{plan.weight_per_squeeze:.2f} N per N, score {plan.score:.3f}"
     )
     check(plan, item.points)
     # Where the pads meet a real surface, it is within the margin of the cone that the planner keeps, and near the weight.
     assert np.linalg.norm(plan.centre) < 0.05
-    assert seconds < 20.0, "far beyond the 3 s that a plan should take, even on a busy machine"

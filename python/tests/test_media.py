@@ -85,7 +85,8 @@ def test_gif_writes_frames_as_they_come_and_keeps_none(tmp_path: Path) -> None:
         frame[50:150, 2 * i : 2 * i + 100] = (0, 114, 178)
         film.add(frame)
         if i in (19, 39, 59):
-            sizes.append((tmp_path / "long.gif").stat().st_size)
+            (growing,) = tmp_path.iterdir()
+            sizes.append(growing.stat().st_size)
             memory.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
     film.close()
@@ -114,4 +115,4 @@ def test_gif_that_breaks_off_leaves_nothing(tmp_path: Path) -> None:
     for shade in (0, 100, 200):
         film.add(np.full((10, 10, 3), shade, np.uint8))
     film.discard()
-    assert not (tmp_path / "half.gif").exists()
+    assert list(tmp_path.iterdir()) == []

@@ -1,5 +1,7 @@
 """Motion capture from Python: receivers, takes, hands and what they say to bad input. Sockets of the loopback only."""
 
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -10,6 +12,7 @@ import pytest
 from quasirigid import mocap
 from quasirigid.errors import CaptureFileError, InvalidShapeError, InvalidValueError, NetworkError, PacketError, UnknownNameError
 from quasirigid.mocap.contents import contents
+from quasirigid.mocap.springs import FASTEST
 from quasirigid.mocap.touch import calibration_from_touches
 
 EYE = "[1 0 0 0 1 0 0 0 1]"
@@ -90,6 +93,61 @@ def test_waiting_releases_the_gil() -> None:
     assert counted > 20, f"the other thread came to {counted}"
 
 
+TWO_THREADS = """
+import sys, threading, time
+import numpy as np
+from quasirigid import mocap
+sys.setswitchinterval(1e-4)
+tracker = mocap.HandTracker("right")
+radii, tracked = np.full(6, 0.007), [True] * 5 + [False]
+turns = np.tile([1.0, 0, 0, 0], (6, 1))
+refused = mocap.HandFrame("left", np.zeros((6, 3)), turns, radii, tracked, time=0.0, arrival=0.0)
+end = time.monotonic() + 0.3
+def push():
+    while time.monotonic() < end:
+        try:
+            tracker.push(refused)
+        except Exception:
+            pass
+thread = threading.Thread(target=push)
+thread.start()
+while time.monotonic() < end:
+    tracker.sample(0.0), tracker.delay, tracker.side
+thread.join()
+print("done")
+"""
+
+
+def test_one_thread_may_push_what_is_refused_while_another_samples() -> None:
+    """In a process of its own: if they wait for each other, all of Python stops."""
+    done = subprocess.run([sys.executable, "-c", TWO_THREADS], capture_output=True, text=True, timeout=30, check=True)
+    assert done.stdout == "done\n"
+
+
+def test_a_hand_that_is_seen_elsewhere_after_one_unseen_frame_glides_there() -> None:
+    """As of the page of a headset that recentres: frames of 72 Hz, one without the hand, and all is 0.3 m aside."""
+    tracker = mocap.HandTracker("right")
+    turns, radii = np.tile([1.0, 0, 0, 0], (6, 1)), np.full(6, 0.007)
+
+    def push(time: float, x: float, *, seen: bool = True) -> None:
+        places = np.tile([x, 0.0, 0.0], (6, 1))
+        tracker.push(mocap.HandFrame("right", places, turns, radii, [seen] * 6, time=time, arrival=time))
+
+    due, places = 0, []
+    for now in np.arange(0.0, 2.0, 1e-3):
+        while due / 72 <= now:
+            push(due / 72, 0.0 if due < 72 else 0.3)
+            if due == 71:
+                push(due / 72 + 1e-6, 0.0, seen=False)
+            due += 1
+        targets = tracker.sample(now)
+        assert targets is not None
+        places.append(targets.positions[:, 0])
+    fastest = np.abs(np.diff(places, axis=0)).max() / 1e-3
+    assert fastest <= 1.001 * FASTEST[0], f"{fastest} m/s"
+    assert places[-1] == pytest.approx(0.3, abs=1e-3)
+
+
 def test_takes_are_written_read_and_gone_on_with(tmp_path: Path) -> None:
     take = mocap.Take.pinch(seed=2, rate=30.0)
     for name in ("a.take", "a.take.gz"):
@@ -98,9 +156,17 @@ def test_takes_are_written_read_and_gone_on_with(tmp_path: Path) -> None:
         assert len(again) == len(take) == 300
         assert [p.data for p in again.packets] == [p.data for p in take.packets]
         assert again.arrivals == pytest.approx(take.arrivals, abs=1e-6)
-    writer = mocap.TakeWriter(tmp_path / "a.take", append=True)
-    writer.packet(0.0, b"fr 1\r\n")
-    assert len(mocap.Take.read(tmp_path / "a.take")) == 301
+    with mocap.TakeWriter(tmp_path / "a.take", append=True) as writer:
+        writer.note("take 1")
+        writer.note("packet 1 of 2")
+        writer.packet(0.0, b"fr 1\r\n")
+        with pytest.raises(InvalidValueError, match="arrival"):
+            writer.packet(1e7, b"fr 2\r\n")
+    with pytest.raises(InvalidValueError, match="closed"):
+        writer.note("too late")
+    again = mocap.Take.read(tmp_path / "a.take")
+    assert len(again) == 301
+    assert again.notes[-2:] == ["take 1", "packet 1 of 2"]
     assert mocap.Take.pinch(seed=1).packets[5].data == mocap.shipped_take().packets[5].data, "the shipped take is the one that is made"
     with pytest.raises(CaptureFileError, match="mocap record"):
         mocap.Take.read(tmp_path / "none.take")
@@ -201,3 +267,26 @@ def test_bad_input_says_what_was_expected() -> None:
         mocap.HandTracker("left").sample(float("inf"))
     with pytest.raises(InvalidValueError, match="speed"):
         mocap.Replay(mocap.shipped_take(), ["1.2.3.4:5"], speed=0.0)
+
+
+def test_whole_numbers_out_of_range_are_typed_errors(tmp_path: Path) -> None:
+    take, here = mocap.shipped_take(), ["127.0.0.1:9"]
+    for rounds in (-1, 5_000_000_000):
+        with pytest.raises(InvalidValueError, match="rounds: expected a whole number from 0 to 4294967295"):
+            mocap.Replay(take, here, rounds=rounds)
+    with pytest.raises(InvalidValueError, match="source_port: expected a whole number from 0 to 65535"):
+        mocap.Replay(take, here, source_port=70_000)
+    with pytest.raises(InvalidValueError, match="controller_port"):
+        mocap.Receiver("0", bind=LOCAL, controller_port=99_999)
+    with pytest.raises(InvalidValueError, match="max_bytes"):
+        mocap.Receiver("0", bind=LOCAL, max_bytes=-1)
+    with pytest.raises(InvalidValueError, match="seed"):
+        mocap.Take.pinch(seed=-1)
+    turns, tracked = np.tile([1.0, 0, 0, 0], (6, 1)), [True] * 6
+    with pytest.raises(InvalidShapeError, match="pad_radii: expected numbers"):
+        mocap.HandFrame("left", np.zeros((6, 3)), turns, ["wide"] * 6, tracked, time=0.0, arrival=0.0)
+
+
+def test_a_group_is_joined_by_one_interface() -> None:
+    with pytest.raises(InvalidValueError, match="interface"):
+        mocap.Receiver("225.1.1.1:0", bind=LOCAL, interface="127.0.0.2")

@@ -1,11 +1,15 @@
 """`quasirigid mocap` as a user meets it: processes that talk over the loopback, end with Ctrl-C, print JSON."""
 
+import itertools
 import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +19,9 @@ from rich.console import Console
 
 from quasirigid import mocap
 from quasirigid.cli import main
+from quasirigid.errors import InvalidValueError
 from quasirigid.mocap.tables import live_panel
+from quasirigid.mocap.touch import calibration_from_touches
 
 LIMIT = 60.0
 
@@ -78,20 +84,84 @@ def test_monitor_shows_the_hand_and_ends_clean() -> None:
         assert monitor.returncode == 0
 
 
-def test_calibrate_asks_for_three_touches(tmp_path: Path) -> None:
-    """The hand rests on one point: three touches of it are no triangle, and that is what it says."""
-    with command("calibrate", str(tmp_path / "lab.toml"), "-c", "0", "--bind", "127.0.0.1", stdin=subprocess.PIPE) as process:
-        to = f"127.0.0.1:{port_of(process)}"
-        resting = mocap.Take.pinch(noise=0.0, tremor=0.0)
-        resting.write(tmp_path / "rest.take")
-        text = (tmp_path / "rest.take").read_bytes()
-        # Half a second of rest at the start, sent over and over.
-        (tmp_path / "rest.take").write_bytes(b"".join(text.partition(b"# packet 0.4")[:1]))
-        with mocap.Replay(mocap.Take.read(tmp_path / "rest.take"), [to], source_port=0, rounds=0):
-            _, err = process.communicate("\n\n\n", timeout=LIMIT)
-        assert process.returncode == 2
-        assert "touch a point on its x axis" in err
-        assert "second point: expected at least 0.01 m away" in err
+class Touching:
+    """Sends a body on a fingertip to a port, at ``place`` (mm), a hundred times a second; ``unsteady`` by so much (mm)."""
+
+    def __init__(self, port: int) -> None:
+        self.place, self.unsteady = (0.0, 0.0, 0.0), 0.0
+        self._port, self._ended = port, threading.Event()
+        self._thread = threading.Thread(target=self._send)
+
+    def _send(self) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            for number in itertools.count(1):
+                x, y, z = self.place
+                x += self.unsteady * (number % 2)
+                body = f"[4 1.000][{x:.3f} {y:.3f} {z:.3f}][1 0 0 0 1 0 0 0 1]"
+                out.sendto(f"fr {number}\r\n6d 1 {body}\r\n".encode(), ("127.0.0.1", self._port))
+                if self._ended.wait(0.01):
+                    return
+
+    def __enter__(self) -> "Touching":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+
+def test_calibrate_asks_for_three_touches_and_again_for_one_that_moved(tmp_path: Path) -> None:
+    file = tmp_path / "lab.toml"
+    options = ["-c", "0", "--bind", "127.0.0.1", "--bodies", "index=4"]
+    with command("calibrate", str(file), *options, stdin=subprocess.PIPE) as process, Touching(int(port_of(process))) as finger:
+        assert process.stdin is not None
+        assert process.stderr is not None
+        for wanted, place, unsteady in (
+            ("the origin", (100.0, 200.0, 300.0), 0.0),
+            ("a point on its x axis", (300.0, 200.0, 300.0), 30.0),
+            ("a point on its x axis", (300.0, 200.0, 300.0), 0.0),
+            ("on the side of +y", (180.0, 500.0, 300.0), 0.0),
+        ):
+            asked = process.stderr.readline()
+            assert wanted in asked, asked
+            finger.place, finger.unsteady = place, unsteady
+            time.sleep(0.05)  # what was sent before has arrived
+            process.stdin.write("\n")
+            process.stdin.flush()
+            found = process.stderr.readline()
+            assert ("at rest within 5 mm" in found and "once more" in found) if unsteady else ("mm" in found), found
+        out, err = process.communicate(timeout=LIMIT)
+        assert process.returncode == 0, err
+    assert "lab.toml: written" in out
+    lab = mocap.Calibration.read(file)
+    hand = mocap.HandDecoder("right", bodies="index=4").decode(mocap.Packet.parse(b"fr 1\n6d 1 [4 1][0 0 0][1 0 0 0 1 0 0 0 1]\n"))
+    assert hand is not None
+    # Touched was the plane one pad radius under the centres.
+    assert lab.position == pytest.approx([-0.1, -0.2, -0.3 + hand.pad_radii[1]], abs=1e-6)
+    assert abs(lab.quaternion[0]) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_touches_that_are_no_triangle_are_refused() -> None:
+    with pytest.raises(InvalidValueError, match=r"second point: expected at least 0\.01 m away"):
+        calibration_from_touches((0.1, 0.2, 0.3), (0.1, 0.2, 0.3), (0.1, 0.5, 0.3), 0.008)
+
+
+def test_a_take_is_not_lost_by_recording_again(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Nothing comes here: a second recording would leave an empty file."""
+    file = tmp_path / "reach.take"
+    mocap.Take.pinch().write(file)
+    recording = ["mocap", "record", str(file), "-c", "0", "--bind", "127.0.0.1", "--seconds", "0.05"]
+    assert main(recording) == 2
+    said = capsys.readouterr().err
+    assert "--append" in said
+    assert said.count("\n") == 1
+    assert main([*recording, "--append", "--force"]) == 2
+    assert len(mocap.Take.read(file)) == 600
+    assert main([*recording, "--append"]) == 0
+    assert len(mocap.Take.read(file)) == 600
+    assert main([*recording, "--force"]) == 0
+    assert "recorded" not in file.read_text(), "nothing was"
 
 
 def test_inspect_prints_a_panel_or_json(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

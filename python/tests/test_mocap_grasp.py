@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import math
 import subprocess
@@ -13,14 +14,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hand_frames import START, Edit, FrameSource, spoilt_frames
 
 from quasirigid import HandModel, World, mocap
 from quasirigid.cli import main
-from quasirigid.errors import InvalidValueError
+from quasirigid.errors import InvalidValueError, NetworkError
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap.options import MocapOptions
-from quasirigid.mocap.pace import CATCH_UP, SLACK, Pace
+from quasirigid.mocap.pace import CATCH_UP, SLACK, Pace, undisturbed
 from quasirigid.mocap.session import MocapSession, run_mocap
+from quasirigid.mocap.sighting import LATECOMERS, SETTLE, Sighting
 from quasirigid.mocap.springs import Springs
 from quasirigid.mocap.stream import TakeSource
 
@@ -93,10 +96,10 @@ def over_a_socket(options: list[str], sent: list[str], out: Path) -> dict[str, A
 def test_the_replayed_take_moves_the_box_over_a_socket(tmp_path: Path) -> None:
     summary = over_a_socket([], [], tmp_path)
     check_bar(summary)
-    # A packet waits for the next step that is due after it, and as long as that step is late itself: on a busy machine that is its own doing.
-    waits, late = summary["packet_to_step_ms"], summary["step_lateness_ms"]
-    rate = 1.0 + max(0.0, 1e-3 * late["max"] - SLACK) / CATCH_UP
-    assert waits["p99"] <= rate * 1e3 * summary["dt_s"] + 1.0 + late["max"], (waits, late)
+    # How long packets waited depends on how late a busy machine was with its steps (benchmarks/mocap/latency.py holds it against the bar on a quiet one).
+    # That every step uses what has come before it does not.
+    waits, late, packets = summary["packet_to_step_ms"], summary["step_lateness_ms"], summary["stream"]["packets"]
+    assert summary["passed_over"] <= 0.01 * packets, f"{summary['passed_over']} of {packets} packets were used a step too late"
     print(f"packet to step {waits}, steps late {late}, ms; {summary['slipped_s']:.2f} s behind")
 
 
@@ -119,18 +122,33 @@ def test_other_hands_move_the_box_over_a_socket(options: list[str], sent: list[s
     check_bar(summary, left="left" in sent)
 
 
-def test_a_packet_waits_for_one_step_at_most() -> None:
-    """On a computer that is fast enough: packets at any moment, steps of 1 ms that take 0.6 ms."""
-
+def paced(*, listens_late: bool) -> Pace:
+    """Five seconds on a computer that is fast enough: 1500 packets at any moment, steps of 1 ms that take 0.6 ms."""
     clock, arrivals = Clock(), deque(np.sort(np.random.default_rng(1).uniform(0.0, 5.0, 1500)).tolist())
     pace = Pace(clock, 1e-3)  # type: ignore[arg-type]
-    for _ in range(5000):
+
+    def come() -> list[float]:
+        return [arrivals.popleft() for _ in range(len(arrivals)) if arrivals[0] <= clock.time]
+
+    for step in range(5000):
+        before = come() if listens_late and step % 4 == 0 else []
         pace.wait()
-        pace.begin([arrivals.popleft() for _ in range(len(arrivals)) if arrivals[0] <= clock.time])
+        pace.begin(before if listens_late else come())
         clock.time += 6e-4
+    return pace
+
+
+def test_a_packet_waits_for_one_step_at_most() -> None:
+    pace = paced(listens_late=False)
     assert len(pace.waits) == 1500
     assert max(pace.waits) <= 1e-3 + 1e-9, f"{1e3 * max(pace.waits):.3f} ms"
     assert pace.slipped == 0.0
+    assert pace.passed_over == 0
+
+
+def test_packets_that_a_step_passed_over_are_counted() -> None:
+    """Three of four steps do not listen: what comes more than a millisecond before the last of them is late by its own fault."""
+    assert paced(listens_late=True).passed_over > 500
 
 
 def test_a_slow_computer_shows_the_hand_late_but_never_in_jumps() -> None:
@@ -172,11 +190,147 @@ def test_times_of_a_loss_and_the_delay_reach_the_filter() -> None:
     assert session.summary()["filter_delay_s"] == pytest.approx(0.03)
 
 
-def test_an_object_that_nobody_holds_is_said_to_have_been_dropped(tmp_path: Path) -> None:
-    slippery = GraspOptions(points=6000, dt=0.004, friction=0.02)
-    summary = run_mocap(slippery, MocapOptions(idle=0.5), TakeSource(mocap.shipped_take()), tmp_path).summary
+def test_an_object_that_is_let_go_in_the_air_is_said_to_have_been_dropped(tmp_path: Path) -> None:
+    """The hand opens 4.6 s after the start, 10 cm up."""
+
+    def opens(time: float, _: Any, positions: Any) -> None:
+        if time > 4.6:
+            positions[0, 0] -= 0.05
+            positions[1:3, 0] += 0.05
+
+    frames = [frame for frame in spoilt_frames(opens) if frame.time - START < 5.6]
+    summary = run_mocap(COARSE, MocapOptions(idle=0.2), FrameSource(frames), tmp_path).summary
+    assert summary["dropped"], summary["phases"]
     assert not summary["held"]
-    assert not summary["put_down"] or summary["lifted_m"] < 0.05, summary
+    assert not summary["put_down"]
+    assert summary["lifted_m"] > 0.05, f"lifted by {1e3 * summary['lifted_m']:.0f} mm before"
+    names = [phase["name"] for phase in summary["phases"]]
+    assert names[-1] == "fall", names
+    assert names.index("carry") < names.index("fall")
+    assert summary["place_error_m"] is None
+
+
+def waited_for(edit: Edit, coupling: str = "tips") -> tuple[MocapSession, list[str], float]:
+    """The session once it begins, what it said meanwhile, and how long after the start of the take, s."""
+    source, said = FrameSource(spoilt_frames(edit)), list[str]()
+    start = source.now()
+    session = MocapSession(COARSE, MocapOptions(coupling=coupling), source)  # type: ignore[arg-type]
+    assert session.wait_for_hand(said.append)
+    return session, said, source.now() - start
+
+
+def unseen(row: int, start: float, end: float) -> Edit:
+    def edit(time: float, tracked: Any, _: Any) -> None:
+        if start <= time < end:
+            tracked[row] = False
+
+    return edit
+
+
+def test_without_a_thumb_no_session_begins() -> None:
+    session, said, after = waited_for(unseen(0, 0.0, 3.0))
+    assert session.coupling is not None
+    assert session.coupling.fingers == ("thumb", "index", "middle")
+    assert session.left_out() == ()
+    assert 2.99 < after < 3.1, f"{after} s"
+    assert said == ["still waiting: the tracker does not see thumb"]
+
+
+def test_a_finger_that_does_not_come_is_left_out_and_that_is_said() -> None:
+    session, _, after = waited_for(unseen(2, 0.0, 9.0))
+    assert session.coupling is not None
+    assert session.coupling.fingers == ("thumb", "index")
+    assert session.left_out() == ("middle",)
+    assert LATECOMERS < after < LATECOMERS + 0.1, f"{after} s"
+    with pytest.raises(AssertionError):
+        waited_for(unseen(2, 0.0, 20.0), "hand")  # that needs all three
+
+
+def test_a_hand_that_was_seen_for_a_moment_and_has_gone_begins_nothing() -> None:
+    """All of it for five frames, and nothing for a second and a half; the index finger does not come back, and gets no pad."""
+
+    def edit(time: float, tracked: Any, _: Any) -> None:
+        if 0.08 < time < 1.6:
+            tracked[:] = False
+        if time >= 1.6:
+            tracked[1] = False
+
+    session, _, after = waited_for(edit)
+    assert session.coupling is not None
+    assert session.coupling.fingers == ("thumb", "middle"), "the index finger was seen at the start only"
+    assert after > 1.6 + LATECOMERS, f"{after} s"
+
+
+def test_only_fingers_with_bodies_are_waited_for() -> None:
+    sighting = Sighting("tips")
+    positions, quaternions = np.zeros((6, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (6, 1))
+    for k in range(20):
+        tracked = [False, True, False, True, False, False]
+        frame = mocap.HandFrame(
+            "right", positions, quaternions, np.full(6, 0.008), tracked, time=0.02 * k, arrival=0.02 * k, source="dtrack-bodies"
+        )
+        sighting.saw(frame)
+        assert sighting.enough(0.02 * k) == (0.02 * k > SETTLE)
+    assert sighting.missing(0.4) == ()
+    assert sighting.missing(1.0) == ("index",)
+    assert not sighting.enough(1.0)
+
+
+class Failing:
+    """A receiver whose network has gone: nothing to take, and ``wait`` says why."""
+
+    address = ("127.0.0.1", 5000)
+    latest = None
+
+    def __init__(self, *_: object, **__: object) -> None:
+        pass
+
+    def __enter__(self) -> Failing:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def now(self) -> float:
+        return 0.0
+
+    def take(self) -> list[mocap.Packet]:
+        return []
+
+    def wait(self, _: float) -> bool:
+        raise NetworkError("port 5000", "to receive", "network is down", "check the network and open it again")
+
+    def statistics(self) -> dict[str, int]:
+        return {"packets": 0, "lost": 0, "malformed": 0}
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_network_that_fails_ends_the_session_and_says_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setattr("quasirigid.mocap.stream.Receiver", Failing)
+    assert main(["grasp", "--mocap", "dtrack", "--points", "3000", "--out", str(tmp_path)]) == 2
+    assert "network is down" in capsys.readouterr().err.splitlines()[-1]
+    assert "network is down" in json.loads((tmp_path / "summary.json").read_text())["failure"]
+    monkeypatch.setattr("quasirigid.mocap.commands.Receiver", Failing)
+    assert main(["mocap", "monitor", "--json", "--every", "0.02", "--seconds", "5"]) == 2
+    assert "network is down" in capsys.readouterr().err
+
+
+def test_what_the_program_around_a_session_has_frozen_stays_frozen() -> None:
+    assert gc.get_freeze_count() == 0
+    with undisturbed():
+        assert gc.get_freeze_count() > 0
+    assert gc.get_freeze_count() == 0
+    gc.freeze()
+    try:
+        with undisturbed():
+            pass
+        assert gc.get_freeze_count() > 0
+    finally:
+        gc.unfreeze()
 
 
 def test_a_finger_that_is_lost_is_caught_again_where_it_is() -> None:
@@ -213,6 +367,8 @@ def test_a_finger_comes_as_near_as_it_can() -> None:
     assert np.all((model.lower_limits[0] - 1e-12 <= far) & (far <= model.upper_limits[0] + 1e-12))
     with pytest.raises(InvalidValueError):
         hand.reach(0, [np.nan, 0.0, 0.0], normal)
+    with pytest.raises(InvalidValueError, match="iterations: expected a whole number"):
+        hand.reach(0, start, normal, iterations=-1)
 
 
 def test_command_line_says_what_it_does_not_understand(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -235,6 +391,9 @@ def test_command_line_says_what_it_does_not_understand(capsys: pytest.CaptureFix
         (["--mocap", "take", "--loss-hold", "nan"], "--loss-hold"),
         (["--mocap", "take", "--loss-fade", "-0.1"], "--loss-fade"),
         (["--mocap", "take", "--feedback", "ws:99999"], "ws:9001"),
+        (["--mocap", "take", "--feedback-rate", "100"], "--feedback beside it"),
+        (["--mocap", "take", "--feedback", "udp:127.0.0.1:9", "--dt", "0.004", "--feedback-rate", "300"], "one look per step, 250 Hz"),
+        (["--mocap", "webxr", "--bind", "192.168.1..20"], "address to listen on: expected one of this machine's"),
         (["--mocap", "take", "--bodies", "toe=1"], "thumb=0"),
     ):
         assert main(["grasp", *arguments, "--out", str(tmp_path)]) == 2

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import quasirigid as qr
-from quasirigid import _quasirigid
+from quasirigid import _quasirigid, errors
 
 NAN, INF = float("nan"), float("inf")
 BOX = (0.06, 0.06, 0.08)
@@ -139,6 +139,32 @@ def test_contacts_carry_the_weight() -> None:
     assert report.stop_reason == "converged"
     assert report.quarantined == []
     assert report.coarse is False
+
+
+def test_a_body_that_is_set_aside_in_one_of_many_steps_is_told_of() -> None:
+    # In one step of 10 s it would fall by a kilometre.
+    world = qr.World(dt=10.0)
+    body = world.add_body(qr.Surface.box((0.03,) * 3, points=300), qr.Material.preset("rubber"), mass=0.1)
+    hand = world.add_hand(points=200, control_points=25)
+    assert not body.quarantined
+    assert not hand.quarantined
+    report = world.step(3)
+    assert report.quarantined == [body.index]
+    assert body.quarantined
+    assert not hand.quarantined
+    hand.move_to((200.0, 0.0, 0.0))
+    assert set(world.step(3).quarantined) == set(hand.body_indices)
+    assert hand.quarantined
+    np.testing.assert_allclose(hand.position, [0, 0, 0])
+
+
+def test_handles_of_another_world_are_refused() -> None:
+    worlds = [qr.World(), qr.World()]
+    surface, rubber = qr.Surface.sphere(0.01, points=100), qr.Material.preset("rubber")
+    bodies = [world.add_body(surface, rubber, mass=0.1) for world in worlds]
+    with pytest.raises(qr.InvalidHandleError):
+        worlds[1].remove(bodies[0])
+    assert len(worlds[1].bodies) == 1
 
 
 def test_fixed_body_is_moved_and_free_body_is_driven() -> None:
@@ -363,6 +389,14 @@ def stub() -> dict[str, Any]:
             fields = {n.target.id for n in node.body if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name)}
             names[node.name] = (members, fields)
     return names
+
+
+def test_every_error_is_part_of_the_package() -> None:
+    kinds = {
+        name for name, thing in vars(errors).items() if isinstance(thing, type) and issubclass(thing, (errors.QuasirigidError, Warning))
+    }
+    assert kinds == set(errors.__all__)
+    assert kinds <= set(qr.__all__)
 
 
 def test_stubs_name_exactly_what_the_module_has() -> None:

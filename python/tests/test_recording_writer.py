@@ -1,12 +1,16 @@
 """The thread that writes recordings: nothing is lost or out of order, errors reach the caller, the caller waits when the disk cannot follow."""
 
+import itertools
 import os
 import subprocess
 import sys
 import textwrap
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import h5py
@@ -185,13 +189,82 @@ def test_places_that_cannot_be_written_are_refused_at_once(tmp_path: Path) -> No
         Recorder(tmp_path / "twice.h5", COLUMNS)
 
 
-def test_rows_that_do_not_fit_are_refused_with_a_typed_error(tmp_path: Path) -> None:
-    with Recorder(tmp_path / "r.h5", COLUMNS) as recorder:
-        for name, value in (("object/position", [1.0, 2.0]), ("contacts/gap", None), ("time", "now")):
-            with pytest.raises(InvalidShapeError, match=name):
-                recorder.append({k: v for k, v in (row(3) | {name: value}).items() if v is not None})
-        recorder.append(row(0))
-    assert check(tmp_path / "r.h5", 1) == 1
+@pytest.mark.parametrize(
+    ("name", "value", "error"),
+    [
+        ("object/position", [1.0, 2.0], InvalidShapeError),
+        ("object/position", 5.0, InvalidShapeError),
+        ("object/position", None, InvalidShapeError),
+        ("object/position", [[1.0], [1.0, 2.0], 3.0], InvalidShapeError),
+        ("time", "now", InvalidShapeError),
+        ("time", None, InvalidShapeError),
+        ("contacts/gap", 3.0, InvalidShapeError),
+        ("contacts/gap", [None, None, None], InvalidShapeError),
+        ("contacts/gap", np.zeros(2), InvalidShapeError),
+        ("phase", 1.9, InvalidValueError),
+        ("phase", float("nan"), InvalidValueError),
+        ("phase", -1, InvalidValueError),
+        ("phase", 300, InvalidValueError),
+        ("phase", np.int64(300), InvalidValueError),
+        ("contacts/number", [1, 2, 70_000], InvalidValueError),
+        ("contacts/number", [1.0, 2.0, 3.0], InvalidValueError),
+        ("word", "text", InvalidValueError),
+        ("word", b"too long", InvalidValueError),
+    ],
+)
+def test_rows_that_do_not_fit_are_refused_and_not_made_to(
+    fitting: tuple[Recorder, dict[str, Any]], name: str, value: Any, error: type[QuasirigidError]
+) -> None:
+    recorder, good = fitting
+    before = recorder.steps
+    with pytest.raises(error, match=name):
+        recorder.append({**good, name: value})
+    with pytest.raises(InvalidShapeError, match=f"{name}: expected a value"):
+        recorder.append({key: v for key, v in good.items() if key != name})
+    assert recorder.steps == before
+    recorder.append(good)
+
+
+@pytest.fixture(scope="module")
+def fitting(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Recorder, dict[str, Any]]]:
+    path = tmp_path_factory.mktemp("run") / "r.h5"
+    more = [Column("contacts/number", (), "i2", ragged=True), Column("word", (), "S4")]
+    good = row(3) | {"contacts/number": np.array([7, -1, 32_000]), "word": b"four"}
+    with Recorder(path, COLUMNS + more) as recorder:
+        yield recorder, good
+        steps = recorder.steps
+    with Recording(path) as recording:
+        assert recording["contacts/number"].tolist() == [7, -1, 32_000] * steps
+        assert recording["word"].tolist() == [b"four"] * steps
+
+
+def test_an_interrupt_wherever_a_block_is_handed_over_loses_and_doubles_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "r.h5"
+    for at in itertools.count():
+        lines = 0
+
+        def trace(frame: FrameType, event: str, _: Any, at: int = at) -> Any:
+            nonlocal lines
+            if frame.f_code.co_name in ("_hand_over", "_give_ready") and event == "line":
+                lines += 1
+                if lines == at + 1:
+                    raise KeyboardInterrupt
+            return trace
+
+        before = sys.gettrace()
+        with Recorder(path, COLUMNS, block=3) as recorder:
+            recorder.append(row(0))
+            recorder.append(row(1))
+            sys.settrace(trace)
+            with suppress(KeyboardInterrupt):
+                recorder.append(row(2))
+            sys.settrace(before)
+            for i in range(recorder.steps, 8):
+                recorder.append(row(i))
+        assert check(path, 8) == 8, f"interrupted before line {at + 1}"
+        if lines <= at:
+            break
+    assert at > 8, "no line was interrupted"
 
 
 def test_what_was_handed_over_is_written_when_nobody_closes(tmp_path: Path) -> None:

@@ -1,5 +1,7 @@
 """Pictures and films of a recording: they show box and pads, have the frames asked for, and need no browser."""
 
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +15,9 @@ from quasirigid.palette import PAD
 from quasirigid.scene_recording import SceneRecording
 from quasirigid.splats import NOTHING, Camera
 from quasirigid.triangles import rasterise
-from quasirigid.view.media import frame_steps, open_writer
+from quasirigid.view.media import Film, Frame, frame_steps, open_writer
 from quasirigid.view.meshes import outward
-from quasirigid.view.render import Renderer, RenderOptions, render, towards
+from quasirigid.view.render import Renderer, RenderOptions, render, span, towards
 
 SMALL = RenderOptions(size=(480, 270), fps=20.0)
 
@@ -167,11 +169,56 @@ def test_what_cannot_be_drawn_is_refused(run: Path, tmp_path: Path, options: Ren
     assert not (tmp_path / "x.gif").exists()
 
 
+@pytest.mark.parametrize("name", ["film.gif", "film.mp4"])
+def test_an_older_film_stays_until_the_new_one_is_finished(run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str) -> None:
+    if name.endswith("mp4"):
+        pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed")
+    film = tmp_path / name
+    film.write_text("of yesterday")
+    assert main(["render", str(run), "--out", str(film), "--camera", "fornt"]) == 2
+    assert capfd.readouterr().err.count("\n") == 1
+
+    def frames() -> Iterator[Frame]:
+        yield from (np.full((180, 320, 3), shade, np.uint8) for shade in (0, 100, 200))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), Film(open_writer(film, fps=20.0, size=(320, 180))) as writer:
+        for frame in frames():
+            writer.add(frame)
+    assert film.read_text() == "of yesterday"
+    with Film(open_writer(film, fps=20.0, size=(320, 180))) as writer, suppress(KeyboardInterrupt):
+        for frame in frames():
+            writer.add(frame)
+    assert film.read_bytes() != b"of yesterday"
+    assert list(tmp_path.iterdir()) == [film]
+    assert capfd.readouterr().err == ""
+
+
+def test_frames_of_a_longer_film_do_not_stay_behind_the_last(tmp_path: Path) -> None:
+    for name in ("frame-000001.png", "frame-000002.png", "frame-000003.png", "frame-000009 copy.png", "notes.txt"):
+        (tmp_path / name).write_text("of yesterday")
+    with Film(open_writer(tmp_path, fps=20.0, size=(32, 18))) as writer:
+        for shade in (0, 100):
+            writer.add(np.full((18, 32, 3), shade, np.uint8))
+    assert [path.name for path in writer.paths] == ["frame-000000.png", "frame-000001.png"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == [
+        "frame-000000.png",
+        "frame-000001.png",
+        "frame-000009 copy.png",
+        "notes.txt",
+    ]
+
+
 def test_command_line(run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "x.png"
     assert main(["render", str(run), "--out", str(out), "--at", "0.3", "--size", "320x180", "--no-labels"]) == 0
     assert capfd.readouterr().out == f"{out}\n"
     assert np.asarray(Image.open(out)).shape == (180, 320, 3)
+    with SceneRecording(run) as recording:
+        assert span(recording, RenderOptions(start=0.0, end=0.0, single=True)) == (0.002, 0.002), "a recording begins at 0"
+    for at in ("-1", "99", "nan"):
+        assert main(["render", str(run), "--out", str(out), "--at", at]) == 2
+        assert "another --at" in (err := capfd.readouterr().err) or "leave --at out" in err
     for wrong in (["--size", "big"], ["--camera", "x"], ["--out", "film.avi"], ["--jobs", "0"], ["--fps", "0"]):
         assert main(["render", str(run), "--out", str(out), *wrong]) == 2
         err = capfd.readouterr().err

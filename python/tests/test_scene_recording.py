@@ -15,6 +15,7 @@ import pytest
 from recorded import pinch, record_pinch
 
 import quasirigid as qr
+from quasirigid import scene_recording
 from quasirigid.errors import InvalidShapeError, InvalidValueError, ObjectFileError
 from quasirigid.recorder import Recorder
 from quasirigid.recording import Column
@@ -88,6 +89,39 @@ def test_deformation_can_be_recorded_in_every_step(tmp_path: Path) -> None:
             back = recording.moved(step)
             for body, moved in states[step].moved.items():
                 assert np.abs(back[body].points - moved.points).max() < 3 * NANOMETRE
+
+
+def test_deformation_keeps_its_rate_when_few_steps_are_recorded(tmp_path: Path) -> None:
+    world, _, grip = pinch()
+    with qr.record(world, tmp_path / "few.h5") as recording:
+        for step in range(200):
+            grip.update()
+            report = world.step()
+            if step % 5 == 4:
+                recording.append(report, phase=grip.state)
+    with SceneRecording(tmp_path / "few.h5") as back:
+        written = back.times[np.unique(back.columns["moved/step"])]
+    assert np.diff(written).min() == pytest.approx(0.02), "60 times a second, to the nearest of the rows that are 10 ms apart"
+
+
+def test_phases_come_back_whole_or_are_refused(tmp_path: Path) -> None:
+    world = qr.World()
+    world.add_body(qr.Surface.sphere(0.02, points=300), qr.Material.preset("rubber"), mass=0.1)
+    with qr.record(world, tmp_path / "r.h5") as recording:
+        recording.append(world.step(), phase="ü" * 32)
+        with pytest.raises(InvalidValueError, match="phase: expected at most 64 bytes"):
+            recording.append(world.step(), phase="ü" * 32 + "!")
+    with SceneRecording(tmp_path / "r.h5") as back:
+        assert [back.phase(step) for step in range(len(back))] == ["ü" * 32]
+
+
+def test_the_peak_pressure_is_found_piece_by_piece(run: tuple[Path, list[SceneState]], monkeypatch: pytest.MonkeyPatch) -> None:
+    with SceneRecording(run[0]) as recording:
+        tips = recording.model.fingertips()
+        pressures = [s.contacts.pressures[np.isin(s.contacts.body_a, tips) | np.isin(s.contacts.body_b, tips)] for s in run[1]]
+        monkeypatch.setattr(scene_recording, "ROWS_AT_ONCE", 1000)
+        assert recording.peak_pressure() == single(np.array([p.max(initial=0.0) for p in pressures]).max()) > 0.0
+        assert recording.peak_pressure(0, 150) == single(np.array([p.max(initial=0.0) for p in pressures[:151]]).max())
 
 
 def test_an_object_at_rest_costs_next_to_nothing(tmp_path: Path) -> None:

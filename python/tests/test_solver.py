@@ -13,12 +13,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import scipy.sparse as sp
+from elsewhere import DATA, missing
 
 import quasirigid as qr
 
 Array = npt.NDArray[np.float64]
 RECORDED = sorted((Path(__file__).parent / "contact_problems").glob("*.npz"))
-PUBLIC = Path(__file__).resolve().parents[3] / "shared" / "data" / "fc3d"
+PUBLIC = DATA / "fc3d"
 PUBLIC_FILES = sorted(PUBLIC.glob("*.npz"))
 NAN = float("nan")
 
@@ -164,14 +165,14 @@ def test_rigid_scenes_are_solved(scene: str, seed: int) -> None:
 def public() -> ModuleType:
     """The residual that comes with the public problems."""
     if not PUBLIC_FILES:
-        pytest.skip("the public problems are not here: ../shared/data/fc3d")
+        pytest.skip(missing("fc3d/*.npz, the public problems"))
     sys.path.insert(0, str(PUBLIC))
     import residual as module
 
     return module
 
 
-@pytest.mark.skipif(not PUBLIC_FILES, reason="the public problems are not here: ../shared/data/fc3d")
+@pytest.mark.skipif(not PUBLIC_FILES, reason=missing("fc3d/*.npz, the public problems"))
 @pytest.mark.parametrize("path", PUBLIC_FILES or [Path("missing")], ids=lambda path: path.stem)
 def test_public_problems_are_solved(path: Path, public: ModuleType) -> None:
     W, q, mu = public.load(path)

@@ -66,6 +66,15 @@ def test_a_run_cut_short_has_no_figures_of_the_hold() -> None:
         json.dumps(summary, allow_nan=False)
 
 
+def test_a_hold_of_one_step_has_no_drift() -> None:
+    columns = made_up_grasp()
+    hold = np.flatnonzero(columns["phase"] == s.PHASES.index("hold"))
+    summary = summarise({name: np.delete(column, hold[1:], axis=0) for name, column in columns.items()})
+    assert (summary["drift_m_per_s"], summary["spin_rad_per_s"]) == (None, None)
+    assert summary["normal_force_n"] is not None
+    json.dumps(summary, allow_nan=False)
+
+
 def test_unconverged_steps_do_not_count_for_the_residual() -> None:
     columns = made_up_grasp()
     columns["report/converged"][10:12] = 0

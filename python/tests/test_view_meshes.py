@@ -140,12 +140,18 @@ def test_joined_bodies_are_where_their_poses_and_the_deformed_points_say() -> No
     yielded[moved.indices] = moved.points
     for part, (body, points) in enumerate([(2, yielded), (0, tip.points)]):
         wanted = rotate(quaternions[body], points) + positions[body]
-        off = np.abs(group.handle.vertices[group.rows[part]] - wanted).max()
+        off = np.abs(group.world[group.rows[part]] - wanted).max()
         assert off < 1e-6, off
+    np.testing.assert_array_equal(group.handle.vertices, group.world[group.sent])
     # Triangles are those of the surface.
-    drawn = server.made[0].given[1]
+    drawn = group.sent[server.made[0].given[1]]
     back = np.argsort(group.rows[0])
     assert sorted(map(tuple, back[drawn[: len(faces)]].tolist())) == sorted(map(tuple, faces.tolist()))
+    # What has no triangle is not sent.
+    group.retriangulate({0: faces[:7]})
+    assert set(group.sent) == {*group.rows[0][faces[:7]].flat, *group.rows[1]}
+    np.testing.assert_array_equal(group.handle.vertices, group.world[group.sent])
+    np.testing.assert_array_equal(group.sent[group.handle.faces[:7]], group.rows[0][faces[:7]])
 
 
 def test_coloured_points_move_without_new_colours() -> None:

@@ -131,14 +131,17 @@ def move(page: Any, keys: list[list[float]]) -> None:
 
 def check_lift(summary: dict[str, Any], gap: float) -> None:
     """The box went as high as the hand. Where the machine was too busy for real time (``gap`` s without a hand, or late steps), the hand was shown
-    in a hurry to catch up (``quasirigid.mocap.pace``), and the box may have slid down between the pads.
+    in a hurry to catch up (``quasirigid.mocap.pace``), and the box may have slid down between the pads: then the test is skipped, visibly. To be
+    called last.
     """
     late = 1e-3 * summary["step_lateness_ms"]["max"]
-    least = LIFT - 0.01 if max(gap, late) < BUSY else 0.3 * LIFT
     lifted = summary["lifted_m"]
     told = f"lifted by {1e3 * lifted:.1f} mm, the hand by {1e3 * LIFT:.0f} mm; {gap:.2f} s without a hand, a step {late:.2f} s late"
     print(told)
-    assert least < lifted < LIFT + 0.02, told
+    assert 0.3 * LIFT < lifted < LIFT + 0.02, told
+    if lifted <= LIFT - 0.01 and max(gap, late) >= BUSY:
+        pytest.skip(f"the machine was too busy to tell: {told}")
+    assert lifted > LIFT - 0.01, told
 
 
 def test_without_a_headset_the_page_says_so_and_shows_the_scene(browser: Any, running: Running) -> None:
@@ -176,9 +179,9 @@ def test_synthetic_hand_joints_pinch_and_lift_the_box(browser: Any, emulator: st
     assert summary["hand"] == side
     assert summary["held"], summary
     assert not summary["dropped"], summary
-    check_lift(summary, gap)
     assert summary["put_down"], summary
     assert summary["stream"]["malformed"] == 0
+    check_lift(summary, gap)
 
 
 def test_from_the_command_line_to_the_summary(browser: Any, emulator: str, tmp_path: Path) -> None:
@@ -221,9 +224,9 @@ def test_from_the_command_line_to_the_summary(browser: Any, emulator: str, tmp_p
     summary = json.loads(out)
     assert summary["held"], summary
     assert not summary["dropped"], summary
-    check_lift(summary, gap)
     assert json.loads((tmp_path / "summary.json").read_text())["held"]
     assert (tmp_path / "recording.h5").stat().st_size > 100_000
+    check_lift(summary, gap)
 
 
 def test_in_the_room_of_the_person_nothing_hides_it(browser: Any, emulator: str, running: Running) -> None:
@@ -231,6 +234,12 @@ def test_in_the_room_of_the_person_nothing_hides_it(browser: Any, emulator: str,
         page.wait_for_selector("#ar", state="visible")
         assert "AR" in page.inner_text("#ar")
         assert "VR" in page.inner_text("#vr")
+        # A session that cannot be set up is ended, or the headset would stay in it and allow no other.
+        page.evaluate(
+            "const xr = quasirigid.renderer.xr; const set = xr.setSession; xr.setSession = async () => { xr.setSession = set; throw Error('broken') }; null"
+        )
+        press(page, "#vr")
+        until(page, "document.querySelector('#device').textContent.includes('did not start') && quasirigid.status.session === null")
         press(page, "#ar")
         until(page, "quasirigid.status.session === 'immersive-ar' && quasirigid.status.sent > 5")
         wait_until(lambda: running.session.coupling is not None, "the session to see the hand")

@@ -1,13 +1,16 @@
 //! From DTrack's packets to [`HandFrame`]s: hands of `gl`, or bodies of `6d` that are fixed to the fingers. mm become m.
 
 use crate::body_map::{BodyMap, MappedBody};
-use crate::dtrack::{Columns, Hand, Packet, Placement};
-use crate::{FingerPose, HandFrame, PalmPose, Pose, Rot, Side, Source, Vec3};
+use crate::dtrack::{Body, Columns, Hand, Packet, Placement};
+use crate::error::{Error, Result};
+use crate::{Finger, FingerPose, HandFrame, PalmPose, Pose, Rot, Side, Source, Vec3};
 use nalgebra::{Matrix3, Rotation3};
 
 /// Half a day: a clock that falls back by more than this has passed midnight.
 const HALF_DAY: f64 = 43_200.0;
 const DAY: f64 = 86_400.0;
+/// Ids of `6d` are below this.
+const MOST_BODIES: u32 = 10_000;
 
 /// The rotation nearest to nine numbers that are nearly one (printed with 4 or 6 decimals).
 pub fn rotation_from_columns(columns: &Columns) -> Rot {
@@ -158,23 +161,52 @@ impl TrackerClock {
     }
 }
 
+/// Ids of `6d` for fingertips: the same for every packet of a take, whatever it sees.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FingertipIds {
+    /// That of the thumb of hand 0: the lowest that no body of any packet can have.
+    first: u32,
+    hands: u32,
+}
+
+impl FingertipIds {
+    /// For these packets. Hand `h` gets the ids from `first + 5 h` on, thumb first.
+    ///
+    /// # Errors
+    /// [`Error::InvalidValue`] if there are so many bodies and hands that an id would be over 9999.
+    pub fn of<'a>(packets: impl IntoIterator<Item = &'a Packet>) -> Result<Self> {
+        let (mut first, mut hands) = (0, 0);
+        for packet in packets {
+            let seen = packet.bodies.iter().flatten().map(|body| body.id + 1);
+            first = seen.chain(packet.calibrated_bodies).fold(first, u32::max);
+            let seen = packet.hands.iter().flatten().map(|hand| hand.id + 1);
+            hands = seen.chain(packet.calibrated_hands).fold(hands, u32::max);
+        }
+        let most = first.saturating_add(hands.saturating_mul(5));
+        if most > MOST_BODIES {
+            let got = format!("{first} bodies and {hands} hands");
+            return Err(Error::value("fingertips as bodies", "ids up to 9999", got, "send this take without bodies of fingertips"));
+        }
+        Ok(Self { first, hands })
+    }
+
+    /// That of a finger.
+    pub fn id(&self, hand: u32, finger: Finger) -> u32 {
+        self.first + 5 * hand + finger as u32
+    }
+}
+
 /// Each tracked fingertip of every hand as a body of `6d`, added to a packet; for systems that have bodies on the fingers.
-///
-/// The thumb of the first hand gets the lowest id that no body of `standard_bodies` can have, the other fingers follow, five ids for a hand.
-pub fn add_fingertips_as_bodies(packet: &mut Packet) {
+pub fn add_fingertips_as_bodies(packet: &mut Packet, ids: &FingertipIds) {
+    packet.calibrated_bodies = Some(ids.first + 5 * ids.hands);
     let Some(hands) = packet.hands.take() else { return };
-    let highest = packet.bodies.iter().flatten().map(|body| body.id + 1).max().unwrap_or(0);
-    let first = packet.calibrated_bodies.unwrap_or(0).max(highest);
     let bodies = packet.bodies.get_or_insert_default();
-    for (k, hand) in hands.iter().enumerate() {
+    for hand in &hands {
         let frame = frame_from_hand(hand, 0.0, 0.0);
         for (finger, pose) in frame.tracked_fingers() {
-            let id = first + 5 * k as u32 + finger as u32;
-            bodies.push(crate::dtrack::Body { id, quality: 1.0, placement: placement_from_pose(&pose.tip) });
+            bodies.push(Body { id: ids.id(hand.id, finger), quality: 1.0, placement: placement_from_pose(&pose.tip) });
         }
     }
-    let count = 5 * packet.calibrated_hands.unwrap_or(0).max(hands.len() as u32);
-    packet.calibrated_bodies = Some(first + count);
     packet.hands = Some(hands);
 }
 
@@ -245,7 +277,8 @@ mod tests {
             Hand { id: 0, quality: 1.0, side: Side::Right, placement: placement_from_pose(&room), fingers: vec![finger, finger, lost] };
         let mut packet = Packet { calibrated_bodies: Some(2), hands: Some(vec![hand]), ..Packet::default() };
         let wanted = HandDecoder::new(HandChoice::Fingertracking(Side::Right)).decode(&packet, 0.0).unwrap();
-        add_fingertips_as_bodies(&mut packet);
+        let ids = FingertipIds::of([&packet]).unwrap();
+        add_fingertips_as_bodies(&mut packet, &ids);
         assert_eq!(packet.calibrated_bodies, Some(7));
         assert_eq!(packet.bodies.as_ref().unwrap().iter().map(|b| b.id).collect::<Vec<_>>(), [2, 3], "the lost finger is not seen");
         let map = BodyMap::parse("thumb=2,index=3,middle=4", Side::Right).unwrap();
@@ -255,5 +288,28 @@ mod tests {
             assert!((a.translation.vector - b.translation.vector).norm() < 1e-12 && a.rotation.angle_to(&b.rotation) < 1e-7);
         }
         assert!(!got.fingers[2].unwrap().tracked && got.palm.is_none());
+    }
+
+    #[test]
+    fn a_fingertip_keeps_its_id_when_a_hand_or_a_body_is_not_seen() {
+        let tip = Placement { position: [90.0, 5.0, -7.0], rotation: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0] };
+        let finger = HandFinger { tip, tip_radius: 8.0, lengths: [24.0, 25.0, 41.0], angles: [0.0, 0.0] };
+        let hand = |id, side| Hand { id, quality: 1.0, side, placement: tip, fingers: vec![finger; 3] };
+        let (left, right) = (hand(0, Side::Left), hand(1, Side::Right));
+        let body = Body { id: 3, quality: 1.0, placement: tip };
+        let packets = [
+            Packet { bodies: Some(vec![body]), hands: Some(vec![left.clone(), right.clone()]), ..Packet::default() },
+            Packet { bodies: Some(vec![]), hands: Some(vec![right]), ..Packet::default() },
+            Packet::default(),
+        ];
+        let ids = FingertipIds::of(&packets).unwrap();
+        let found = packets.map(|mut packet| {
+            add_fingertips_as_bodies(&mut packet, &ids);
+            assert_eq!(packet.calibrated_bodies, Some(14));
+            packet.bodies.iter().flatten().map(|body| body.id).collect::<Vec<_>>()
+        });
+        assert_eq!(found, [vec![3, 4, 5, 6, 9, 10, 11], vec![9, 10, 11], vec![]]);
+        let many = Packet { hands: Some(vec![Hand { id: 9999, ..left }]), ..Packet::default() };
+        assert!(FingertipIds::of([&many]).unwrap_err().to_string().contains("9999"));
     }
 }

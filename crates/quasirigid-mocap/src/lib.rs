@@ -18,6 +18,7 @@ pub mod replay;
 pub mod statistics;
 pub mod synthetic;
 pub mod take;
+pub mod take_writer;
 pub mod tracking;
 
 pub use body_map::BodyMap;
@@ -29,7 +30,8 @@ pub use hands::{HandChoice, HandDecoder};
 pub use receiver::{Received, Receiver, ReceiverOptions};
 pub use replay::{Replay, ReplayOptions, ReplayState};
 pub use statistics::{Order, Statistics};
-pub use take::{Take, TakePacket, TakeWriter};
+pub use take::{Take, TakePacket};
+pub use take_writer::TakeWriter;
 pub use tracking::{Delay, HandTargets, HandTracker, Target, TargetState, TrackingOptions};
 
 /// A pose; `pose12` is "2 in the frame of 1".

@@ -27,9 +27,9 @@ const FAILURES: u32 = 100;
 /// What can be chosen about a [`Receiver`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReceiverOptions {
-    /// Address of this machine to listen on. Any by default: trackers are other machines.
+    /// Address of this machine to listen on. Any by default: trackers are other machines. For a multicast group it names the interface.
     pub bind: Ipv4Addr,
-    /// Interface that joins a multicast group; unspecified lets the system choose.
+    /// Interface that joins a multicast group; unspecified takes that of `bind`, or lets the system choose.
     pub interface: Ipv4Addr,
     /// Largest datagram that is read, bytes. The vendor's SDK has 32768.
     pub max_bytes: usize,
@@ -96,7 +96,8 @@ impl Receiver {
     /// Opens the port and starts to listen.
     ///
     /// # Errors
-    /// [`Error::Network`] if the port is in use or not allowed, or the group cannot be joined; [`Error::InvalidValue`] for a size of 0 or over 65507 bytes.
+    /// [`Error::Network`] if the port is in use or not allowed, or the group cannot be joined; [`Error::InvalidValue`] for a size of 0 or over 65507 bytes,
+    /// and for two interfaces of one group.
     pub fn open(endpoint: Endpoint, options: &ReceiverOptions) -> Result<Self> {
         if !(1..=crate::dtrack::MAX_DATAGRAM).contains(&options.max_bytes) {
             return Err(Error::value("max_bytes", "1 to 65507 bytes", options.max_bytes, "32768 is the vendor's own limit"));
@@ -200,13 +201,28 @@ fn open_socket(endpoint: &Endpoint, options: &ReceiverOptions) -> Result<UdpSock
         // Several programs may listen to one group.
         socket.set_reuse_address(true).map_err(refuse)?;
     }
-    socket.bind(&SocketAddr::from((options.bind, port)).into()).map_err(refuse)?;
-    if let Endpoint::Multicast { group, .. } = endpoint {
-        let hint = "check that a network interface is up, or name the one to use";
-        let failed = |e: io::Error| Error::network(format!("multicast group {group}"), "to join", e, hint);
-        socket.join_multicast_v4(group, &options.interface).map_err(failed)?;
-    }
+    let Endpoint::Multicast { group, .. } = endpoint else {
+        socket.bind(&SocketAddr::from((options.bind, port)).into()).map_err(refuse)?;
+        return Ok(socket.into());
+    };
+    let interface = interface(options)?;
+    // A socket that is bound to an address of this machine hears no group. Where the group itself can be bound to, others on the same port are not heard.
+    let address = if cfg!(unix) { *group } else { Ipv4Addr::UNSPECIFIED };
+    socket.bind(&SocketAddr::from((address, port)).into()).map_err(refuse)?;
+    let hint = "check that the network is up, or name the interface to use by its address: `bind`, or --bind on the command line";
+    let on = if interface.is_unspecified() { String::new() } else { format!(" on {interface}") };
+    let failed = |e: io::Error| Error::network(format!("multicast group {group}{on}"), "to join", e, hint);
+    socket.join_multicast_v4(group, &interface).map_err(failed)?;
     Ok(socket.into())
+}
+
+/// The interface that joins a group.
+fn interface(options: &ReceiverOptions) -> Result<Ipv4Addr> {
+    match (options.bind, options.interface) {
+        (one, other) if one == other || other.is_unspecified() => Ok(one),
+        (one, other) if one.is_unspecified() => Ok(other),
+        (one, other) => Err(Error::value("interface", format!("{one}, the address to listen on"), other, "give one of the two")),
+    }
 }
 
 /// The thread.
@@ -227,8 +243,11 @@ fn listen(socket: &UdpSocket, shared: &Shared, endpoint: Endpoint, options: &Rec
         }
         match socket.recv_from(&mut buffer) {
             Ok((length, from)) => {
-                (failures, last_word) = (0, Some(Instant::now()));
-                take_in(shared, &buffer[..length], from, endpoint, options.max_bytes);
+                failures = 0;
+                // What is refused is no word of the controller: it still has to be greeted.
+                if take_in(shared, &buffer[..length], from, endpoint, options.max_bytes) {
+                    last_word = Some(Instant::now());
+                }
             }
             // Timeouts; and what a greeting that found nobody brings back.
             Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) => failures = 0,
@@ -248,8 +267,8 @@ fn listen(socket: &UdpSocket, shared: &Shared, endpoint: Endpoint, options: &Rec
     }
 }
 
-/// One datagram: counted, read, put in its place.
-fn take_in(shared: &Shared, bytes: &[u8], from: SocketAddr, endpoint: Endpoint, max_bytes: usize) {
+/// One datagram: counted, read, put in its place. Whether it was a packet of the tracker.
+fn take_in(shared: &Shared, bytes: &[u8], from: SocketAddr, endpoint: Endpoint, max_bytes: usize) -> bool {
     let arrival = shared.now();
     let foreign = matches!(endpoint, Endpoint::Controller { host, .. } if from.ip() != IpAddr::V4(host));
     // Read before locking: whoever asks for the newest frame does not wait for it.
@@ -279,6 +298,25 @@ fn take_in(shared: &Shared, bytes: &[u8], from: SocketAddr, endpoint: Endpoint, 
             state.waiting.push_back(received);
             drop(state);
             shared.news.notify_all();
+            return true;
         }
+    }
+    false
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A controller is greeted until a packet of its own has come: strangers and nonsense do not stop that.
+    #[test]
+    fn only_packets_of_the_controller_count_as_its_word() {
+        let shared = Shared { state: Mutex::default(), news: Condvar::new(), stop: AtomicBool::new(false), start: Instant::now() };
+        let (host, stranger) = (Ipv4Addr::new(10, 0, 0, 7), Ipv4Addr::new(10, 0, 0, 8));
+        let endpoint = Endpoint::Controller { host, port: 5000, greet: true };
+        let heard = |bytes: &[u8], from: Ipv4Addr| take_in(&shared, bytes, SocketAddr::from((from, 50_107)), endpoint, 100);
+        let packet = b"fr 1\r\n6d 0\r\n";
+        assert_eq!([heard(packet, stranger), heard(b"hello", host), heard(b"", host), heard(&[b'x'; 200], host)], [false; 4]);
+        assert!(heard(packet, host) && heard(packet, host), "a duplicate is a word as well");
     }
 }

@@ -3,7 +3,7 @@
 use crate::dtrack::Packet;
 use crate::endpoint::CONTROLLER_PORT;
 use crate::error::{Error, Result, check_within};
-use crate::hands::add_fingertips_as_bodies;
+use crate::hands::{FingertipIds, add_fingertips_as_bodies};
 use crate::take::Take;
 use std::io::ErrorKind;
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 /// How long it sleeps before it looks for greetings and for the wish to stop.
 const NAP: Duration = Duration::from_millis(10);
-/// Receivers that may have greeted; later ones are not served.
+/// Receivers that are served because they greeted. One more, and the one that greeted longest ago is served no longer.
 const MOST_GREETERS: usize = 16;
 /// So many packets in a row that cannot be sent are no accident.
 const FAILURES: u64 = 100;
@@ -29,8 +29,9 @@ pub struct ReplayOptions {
     pub rounds: u32,
     /// Port to send from: 50107 as a controller does. If it is taken, or 0, any.
     pub source_port: u16,
-    /// Address of this machine to send from.
-    pub bind: Ipv4Addr,
+    /// Address of this machine to send from; None is 127.0.0.1 if all targets are there, and else any. Whoever reaches it can greet: the stream then goes to the
+    /// address that the greeting bears, which may be forged.
+    pub bind: Option<Ipv4Addr>,
     /// Send to whoever greets, too.
     pub serve_greeters: bool,
     /// Send each tracked fingertip as a body of `6d` as well.
@@ -39,7 +40,7 @@ pub struct ReplayOptions {
 
 impl Default for ReplayOptions {
     fn default() -> Self {
-        Self { speed: 1.0, rounds: 1, source_port: CONTROLLER_PORT, bind: Ipv4Addr::UNSPECIFIED, serve_greeters: true, bodies: false }
+        Self { speed: 1.0, rounds: 1, source_port: CONTROLLER_PORT, bind: None, serve_greeters: true, bodies: false }
     }
 }
 
@@ -52,8 +53,10 @@ pub struct ReplayState {
     pub rounds: u32,
     /// Greetings that came.
     pub greetings: u64,
-    /// Who gets the packets.
+    /// Who gets the packets: those that were named, and those that greeted, the latest last.
     pub targets: Vec<SocketAddr>,
+    /// Those that greeted and had to make room for others.
+    pub displaced: u64,
     /// Sendings that the system refused.
     pub refused: u64,
     /// Farthest behind the schedule, s.
@@ -86,7 +89,8 @@ impl Replay {
     /// Starts to send to the targets (a multicast group is one, too). Without targets it waits for the first greeting.
     ///
     /// # Errors
-    /// [`Error::InvalidValue`] for an empty take, a speed outside 0.01 to 100, or nobody to send to; [`Error::Network`] without a usable socket.
+    /// [`Error::InvalidValue`] for an empty take, a speed outside 0.01 to 100, nobody to send to, or more bodies than the format has ids for;
+    /// [`Error::Network`] without a usable socket.
     pub fn start(take: &Take, targets: &[SocketAddr], options: &ReplayOptions) -> Result<Self> {
         check_within("speed", options.speed, 0.01, 100.0, "times real time")?;
         if take.packets.is_empty() {
@@ -95,18 +99,19 @@ impl Replay {
         if targets.is_empty() && !options.serve_greeters {
             return Err(Error::value("targets", "somebody to send to", "none", "name a target, or serve those who greet"));
         }
-        let bind = |port| UdpSocket::bind((options.bind, port));
+        let script = Script::new(take, options)?;
+        let from = options.bind.unwrap_or_else(|| usual_address(targets));
+        let bind = |port| UdpSocket::bind((from, port));
         // A port that is taken is no reason to give up: `address` says which one it is.
-        let refuse = |e| Error::network(format!("address {}", options.bind), "to send", e, "choose another address of this machine");
+        let refuse = |e| Error::network(format!("address {from}"), "to send", e, "choose another address of this machine");
         let socket = bind(options.source_port).or_else(|_| bind(0)).map_err(refuse)?;
         socket.set_nonblocking(true).map_err(refuse)?;
         let address = socket.local_addr().map_err(refuse)?;
         let state = ReplayState { targets: targets.to_vec(), ..ReplayState::default() };
         let shared = Arc::new(Shared { state: Mutex::new(state), stop: AtomicBool::new(false) });
-        let script = Script::new(take, options);
-        let (for_thread, options) = (Arc::clone(&shared), options.clone());
+        let (for_thread, options, named) = (Arc::clone(&shared), options.clone(), targets.len());
         let run = move || {
-            script.play(&socket, &for_thread, &options);
+            script.play(&Sender { socket, shared: &for_thread, named, serve: options.serve_greeters }, &options);
             for_thread.lock().done = true;
         };
         let thread = std::thread::Builder::new().name("quasirigid-replay".into()).spawn(run).map_err(refuse)?;
@@ -164,17 +169,18 @@ struct Script {
 }
 
 impl Script {
-    fn new(take: &Take, options: &ReplayOptions) -> Self {
+    fn new(take: &Take, options: &ReplayOptions) -> Result<Self> {
         let first = take.packets[0].arrival;
-        let ready = |bytes: &[u8]| match Packet::parse(bytes) {
-            Ok(mut packet) if options.bodies => {
-                add_fingertips_as_bodies(&mut packet);
+        let parsed: Vec<Packet> = take.packets.iter().filter_map(|p| p.parse().ok()).collect();
+        let ids = if options.bodies { Some(FingertipIds::of(&parsed)?) } else { None };
+        let ready = |bytes: &[u8]| match (Packet::parse(bytes), &ids) {
+            (Ok(mut packet), Some(ids)) => {
+                add_fingertips_as_bodies(&mut packet, ids);
                 packet.to_bytes()
             }
             _ => bytes.to_vec(),
         };
         let packets: Vec<_> = take.packets.iter().map(|p| (p.arrival - first, ready(&p.bytes))).collect();
-        let parsed: Vec<Packet> = take.packets.iter().filter_map(|p| p.parse().ok()).collect();
         let frames = match (parsed.first(), parsed.last()) {
             (Some(first), Some(last)) => last.frame.wrapping_sub(first.frame).wrapping_add(1),
             _ => 0,
@@ -183,12 +189,13 @@ impl Script {
         let round = take.duration() * (1.0 + 1.0 / steps as f64);
         let first_of_day = parsed.iter().find_map(|packet| packet.time_of_day).unwrap_or(0.0);
         let first_unix = parsed.iter().find_map(|packet| packet.unix_time).map_or(0, |t| micros(t.seconds, t.microseconds));
-        Self { packets, round: if round > 0.0 { round } else { 1.0 / 60.0 }, frames, first_of_day, first_unix }
+        Ok(Self { packets, round: if round > 0.0 { round } else { 1.0 / 60.0 }, frames, first_of_day, first_unix })
     }
 
-    fn play(&self, socket: &UdpSocket, shared: &Shared, options: &ReplayOptions) {
+    fn play(&self, sender: &Sender<'_>, options: &ReplayOptions) {
+        let shared = sender.shared;
         while shared.lock().targets.is_empty() {
-            if !rest(socket, shared, options, NAP) {
+            if !sender.rest(NAP) {
                 return;
             }
         }
@@ -203,12 +210,12 @@ impl Script {
                 let due = (begun + at) / options.speed;
                 while start.elapsed().as_secs_f64() < due {
                     let left = Duration::from_secs_f64(due).saturating_sub(start.elapsed());
-                    if !rest(socket, shared, options, left.min(NAP)) {
+                    if !sender.rest(left.min(NAP)) {
                         return;
                     }
                 }
                 // Without naps, when it is late or fast, it must hear the wish to stop as well.
-                if !rest(socket, shared, options, Duration::ZERO) {
+                if !sender.rest(Duration::ZERO) {
                     return;
                 }
                 let late = start.elapsed().as_secs_f64() - due;
@@ -222,7 +229,7 @@ impl Script {
                 let targets = shared.lock().targets.clone();
                 let mut refused = None;
                 for target in &targets {
-                    refused = socket.send_to(bytes, target).err().filter(|e| is_failure(e.kind())).or(refused);
+                    refused = sender.socket.send_to(bytes, target).err().filter(|e| is_failure(e.kind())).or(refused);
                 }
                 let mut state = shared.lock();
                 state.sent += 1;
@@ -283,23 +290,52 @@ fn micros(seconds: u64, microseconds: u32) -> i64 {
     (seconds as i64).saturating_mul(1_000_000).saturating_add(i64::from(microseconds))
 }
 
-/// Sleeps and hears greetings. False when it shall stop.
-fn rest(socket: &UdpSocket, shared: &Shared, options: &ReplayOptions, time: Duration) -> bool {
-    let mut buffer = [0; 256];
-    // At most as many as may ever be served: a flood of greetings must not stop the stream.
-    for _ in 0..MOST_GREETERS {
-        // Whatever it says, it is a greeting: a controller does not read it. (An error is a receiver that has gone.)
-        let Ok((_, from)) = socket.recv_from(&mut buffer) else { break };
-        let mut state = shared.lock();
-        state.greetings += 1;
-        if options.serve_greeters && !state.targets.contains(&from) && state.targets.len() < MOST_GREETERS {
-            state.targets.push(from);
+/// Its socket, and who is served.
+struct Sender<'a> {
+    socket: UdpSocket,
+    shared: &'a Shared,
+    /// So many targets were named; those behind them greeted.
+    named: usize,
+    serve: bool,
+}
+
+impl Sender<'_> {
+    /// Sleeps and hears greetings. False when it shall stop.
+    fn rest(&self, time: Duration) -> bool {
+        let mut buffer = [0; 256];
+        // At most as many as may ever be served: a flood of greetings must not stop the stream.
+        for _ in 0..MOST_GREETERS {
+            // Whatever it says, it is a greeting: a controller does not read it. (An error is a receiver that has gone.)
+            let Ok((_, from)) = self.socket.recv_from(&mut buffer) else { break };
+            self.greeted(from);
         }
+        if !time.is_zero() {
+            std::thread::sleep(time);
+        }
+        !self.shared.stop.load(Ordering::Relaxed)
     }
-    if !time.is_zero() {
-        std::thread::sleep(time);
+
+    /// Whoever greets last stands last. Nobody says goodbye, so the one that greeted longest ago makes room.
+    fn greeted(&self, from: SocketAddr) {
+        let mut state = self.shared.lock();
+        state.greetings += 1;
+        if !self.serve || state.targets[..self.named].contains(&from) {
+            return;
+        }
+        if let Some(again) = state.targets.iter().position(|target| *target == from) {
+            state.targets.remove(again);
+        } else if state.targets.len() == self.named + MOST_GREETERS {
+            state.targets.remove(self.named);
+            state.displaced += 1;
+        }
+        state.targets.push(from);
     }
-    !shared.stop.load(Ordering::Relaxed)
+}
+
+/// Where to send from, if nothing else is asked for: a replay for this machine alone is not open to others.
+fn usual_address(targets: &[SocketAddr]) -> Ipv4Addr {
+    let local = !targets.is_empty() && targets.iter().all(|target| target.ip().is_loopback());
+    if local { Ipv4Addr::LOCALHOST } else { Ipv4Addr::UNSPECIFIED }
 }
 
 /// Nobody listening, or a full buffer, is a loss as on any network.

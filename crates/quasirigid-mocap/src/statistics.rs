@@ -8,6 +8,10 @@ use crate::tracking::ClockSync;
 const REMEMBERED: usize = 256;
 /// A counter that falls back by more than this was set anew.
 const RESTART: i64 = 1000;
+/// So is one that falls back so long (s) after the newest frame,
+const PAUSE: f64 = 0.5;
+/// and one that so many packets in a row rise with from below the newest frame, for so long (s).
+const SET_BACK: (u32, f64) = (4, 0.2);
 /// Arrivals from which rate and jitter are taken.
 const RECENT: usize = 64;
 
@@ -82,7 +86,7 @@ pub struct StreamMeter {
 impl StreamMeter {
     /// A packet came. Returns where it stands.
     pub fn add(&mut self, packet: &Packet, arrival: f64) -> Order {
-        let order = self.counter.add(packet.frame);
+        let order = self.counter.add(packet.frame, arrival);
         let figures = &mut self.figures;
         figures.packets += 1;
         match order {
@@ -140,11 +144,25 @@ impl StreamMeter {
     }
 }
 
+/// A row of frames with rising counters that are not newer than the newest.
+#[derive(Debug, Clone, Copy, Default)]
+struct Behind {
+    count: u32,
+    last: u32,
+    /// How many of them were taken for late ones, and the smallest step before these.
+    late: i64,
+    step: i64,
+}
+
 /// Counts frames that never came. The counter may go up by more than one from frame to frame (a controller may send every d-th only).
 #[derive(Debug, Clone, Default)]
 struct FrameCounter {
     remembered: Vec<u32>,
     newest: Option<u32>,
+    /// When the newest came, s.
+    arrival: f64,
+    /// Those that are not newer and came since, in rising order.
+    behind: Behind,
     /// Smallest step seen.
     step: i64,
     /// Sum of all steps since the last restart, and how many frames came.
@@ -155,36 +173,51 @@ struct FrameCounter {
 }
 
 impl FrameCounter {
-    fn add(&mut self, frame: u32) -> Order {
+    fn add(&mut self, frame: u32, arrival: f64) -> Order {
         let Some(newest) = self.newest else {
-            self.start(frame);
+            self.start(frame, arrival);
             return Order::New;
         };
-        if self.remembered.contains(&frame) {
-            return Order::Duplicate;
-        }
         // Over the end of 32 bits it goes on at 0.
         let step = i64::from(frame.wrapping_sub(newest) as i32);
-        if step < -RESTART {
+        let known = self.remembered.contains(&frame);
+        if !known && step > 0 {
+            self.step = if self.step == 0 { step } else { self.step.min(step) };
+            self.span += step;
+            self.came += 1;
+            (self.newest, self.arrival, self.behind) = (Some(frame), arrival, Behind::default());
+            self.remember(frame);
+            return Order::New;
+        }
+        // What is sent twice does not rise.
+        if self.behind.count == 0 || frame.wrapping_sub(self.behind.last) as i32 <= 0 {
+            self.behind = Behind { step: self.step, ..Behind::default() };
+        }
+        self.behind = Behind { count: self.behind.count + 1, last: frame, ..self.behind };
+        let silence = arrival - self.arrival;
+        if (!known && step < -RESTART) || silence > PAUSE || (self.behind.count >= SET_BACK.0 && silence > SET_BACK.1) {
+            // Those that seemed late were the first of the new ones.
+            (self.came, self.step) = (self.came - self.behind.late, self.behind.step);
             self.lost_before = self.lost();
-            self.start(frame);
+            self.start(frame, arrival);
             return Order::Restart;
         }
-        self.remember(frame);
-        self.came += 1;
-        self.step = if self.step == 0 { step.abs() } else { self.step.min(step.abs()) };
-        if step < 0 {
-            return Order::Late;
+        if known {
+            return Order::Duplicate;
         }
-        self.span += step;
-        self.newest = Some(frame);
-        Order::New
+        // As the newest, and yet not remembered: it tells no step.
+        self.step = if step == 0 { self.step } else { self.step.min(-step) };
+        self.came += 1;
+        self.behind.late += 1;
+        self.remember(frame);
+        Order::Late
     }
 
-    fn start(&mut self, frame: u32) {
+    fn start(&mut self, frame: u32, arrival: f64) {
         self.remembered.clear();
         self.remember(frame);
-        (self.newest, self.step, self.span, self.came) = (Some(frame), 0, 0, 1);
+        (self.newest, self.arrival, self.behind) = (Some(frame), arrival, Behind::default());
+        (self.step, self.span, self.came) = (0, 0, 1);
     }
 
     fn remember(&mut self, frame: u32) {
@@ -212,7 +245,7 @@ mod tests {
     #[test]
     fn gaps_are_losses_until_the_late_ones_come() {
         let mut counter = FrameCounter::default();
-        let orders: Vec<Order> = [10, 11, 14, 12, 12, 15].into_iter().map(|frame| counter.add(frame)).collect();
+        let orders: Vec<Order> = [10, 11, 14, 12, 12, 15].into_iter().map(|frame| counter.add(frame, 0.0)).collect();
         assert_eq!(orders, [New, New, New, Late, Duplicate, New]);
         assert_eq!(counter.lost(), 1, "only 13 never came");
     }
@@ -221,7 +254,7 @@ mod tests {
     fn every_third_frame_is_no_loss() {
         let mut counter = FrameCounter::default();
         for frame in (0..300).step_by(3).filter(|frame| frame % 30 != 9) {
-            counter.add(frame);
+            counter.add(frame, 0.0);
         }
         assert_eq!(counter.lost(), 10);
     }
@@ -229,11 +262,34 @@ mod tests {
     #[test]
     fn the_counter_goes_on_over_32_bits_and_a_restart_is_seen() {
         let mut counter = FrameCounter::default();
-        let orders: Vec<Order> = [u32::MAX - 1, u32::MAX, 0, 2, 1_000_000].into_iter().map(|frame| counter.add(frame)).collect();
+        let orders: Vec<Order> = [u32::MAX - 1, u32::MAX, 0, 2, 1_000_000].into_iter().map(|frame| counter.add(frame, 0.0)).collect();
         assert_eq!((orders, counter.lost()), (vec![New; 5], 1 + 999_997));
-        assert_eq!(counter.add(5), Restart);
-        assert_eq!(counter.add(6), New);
+        assert_eq!(counter.add(5, 0.0), Restart);
+        assert_eq!(counter.add(6, 0.0), New);
         assert_eq!(counter.lost(), 1 + 999_997);
+    }
+
+    /// A take that is sent again, or a measurement that is started again: after a while, at once, and one so short that all its counters are remembered.
+    #[test]
+    fn a_counter_that_falls_back_by_less_than_a_thousand_is_a_restart_too() {
+        for (frames, pause) in [(600u32, 3.0), (600, 0.02), (100, 3.0), (100, 0.02)] {
+            let mut meter = StreamMeter::default();
+            for round in 0..3u32 {
+                let begun = f64::from(round) * (f64::from(frames) / 60.0 + pause);
+                // In each round every twentieth is lost.
+                for k in (0..frames).filter(|k| k % 20 != 7) {
+                    meter.add(&packet(1000 + k, 36_000.0 + f64::from(k) / 60.0), begun + f64::from(k) / 60.0);
+                }
+            }
+            let figures = meter.figures(0.0);
+            assert_eq!(figures.restarts, 2, "{frames} frames, {pause} s: {figures:?}");
+            // Those at the start of a round that could still be late ones: 0.2 s.
+            let unsure = figures.late + figures.duplicates;
+            assert!(if pause > 1.0 { unsure == 0 } else { unsure <= 2 * 12 }, "{frames} frames, {pause} s: {figures:?}");
+            let lost = u64::from(3 * frames / 20);
+            assert!((lost - 2..=lost).contains(&figures.lost), "{frames} frames, {pause} s: {figures:?}");
+            assert!((figures.tracker_rate - 60.0).abs() < 1e-3 && figures.lateness < 1e-6, "{frames} frames, {pause} s: {figures:?}");
+        }
     }
 
     #[test]

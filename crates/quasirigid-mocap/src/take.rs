@@ -20,15 +20,17 @@ use crate::dtrack::{MAX_DATAGRAM, Packet, PacketError};
 use crate::error::{Error, Result};
 use crate::hands::TrackerClock;
 use flate2::read::GzDecoder;
-use std::fs::{File, OpenOptions};
-use std::io::{BufWriter, Read, Write};
-use std::path::{Path, PathBuf};
+use std::fs::File;
+use std::io::{Read, Write};
+use std::path::Path;
 
 /// First line of a take.
 pub const HEADER: &str = "# quasirigid take 1";
 const MARK: &[u8] = b"# packet ";
 /// Larger takes are refused, bytes after decompression: some hours of two hands.
 const LARGEST: u64 = 1 << 30;
+/// Arrivals from this on are refused, s: eleven days. A broken one must not make a replay wait for ever.
+pub(crate) const LONGEST: f64 = 1e6;
 /// Time between packets where nothing tells it, s.
 const USUAL_PERIOD: f64 = 1.0 / 60.0;
 
@@ -58,7 +60,7 @@ pub struct Take {
     pub packets: Vec<TakePacket>,
     /// Lines of notes, without their `#`.
     pub notes: Vec<String>,
-    /// Packets that were cut or spoilt and are left out.
+    /// Packets that were cut or spoilt and are left out. At least one where a compressed file is cut or spoilt: what it had is not known.
     pub damaged: usize,
 }
 
@@ -72,10 +74,12 @@ impl Take {
         let failed = |e: std::io::Error| Error::file(path.display(), "a readable take", e, hint);
         let mut bytes = Vec::new();
         File::open(path).and_then(|file| file.take(LARGEST + 1).read_to_end(&mut bytes)).map_err(failed)?;
+        let mut spoilt = false;
         if bytes.starts_with(&[0x1f, 0x8b]) {
             let mut plain = Vec::new();
             // A compressed file that was cut gives what was before the cut.
             let end = GzDecoder::new(&bytes[..]).take(LARGEST + 1).read_to_end(&mut plain);
+            spoilt = end.is_err();
             if plain.is_empty() {
                 end.map_err(failed)?;
             }
@@ -84,7 +88,8 @@ impl Take {
         if bytes.len() as u64 > LARGEST {
             return Err(Error::file(path.display(), "a take of at most 1 GiB", "a larger one", "cut it into pieces"));
         }
-        let take = Self::from_bytes(&bytes);
+        let mut take = Self::from_bytes(&bytes);
+        take.damaged = take.damaged.max(usize::from(spoilt));
         if take.packets.is_empty() {
             let got = if take.damaged > 0 { format!("{} packets that are all cut or spoilt", take.damaged) } else { "none".to_owned() };
             return Err(Error::file(path.display(), "at least one packet with a line fr", got, hint));
@@ -108,10 +113,9 @@ impl Take {
                 rest = &after[end..];
             } else if rest.starts_with(b"#") {
                 let (line, after) = split_line(rest);
-                let note = String::from_utf8_lossy(line[1..].trim_ascii()).into_owned();
                 // The first line of a take is no note, nor is the head of a packet that was cut.
-                if !HEADER.ends_with(&note) && !line.starts_with(MARK) {
-                    take.notes.push(note);
+                if line.trim_ascii_end() != HEADER.as_bytes() && !line.starts_with(MARK) {
+                    take.notes.push(String::from_utf8_lossy(line[1..].trim_ascii()).into_owned());
                 }
                 rest = after;
             } else {
@@ -160,7 +164,7 @@ impl Take {
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = format!("{HEADER}\n").into_bytes();
         for note in &self.notes {
-            bytes.extend_from_slice(format!("# {}\n", note.replace(['\r', '\n'], " ")).as_bytes());
+            bytes.extend_from_slice(note_line(note).as_bytes());
         }
         self.packets.iter().for_each(|packet| write_packet(&mut bytes, packet.arrival, &packet.bytes));
         bytes
@@ -187,16 +191,23 @@ impl Take {
     }
 }
 
-fn cannot_write(path: &Path, error: std::io::Error) -> Error {
+pub(crate) fn cannot_write(path: &Path, error: std::io::Error) -> Error {
     Error::file(path.display(), "a place to write to", error, "choose another place")
 }
 
-fn write_packet(out: &mut Vec<u8>, arrival: f64, bytes: &[u8]) {
+pub(crate) fn write_packet(out: &mut Vec<u8>, arrival: f64, bytes: &[u8]) {
     out.extend_from_slice(format!("# packet {arrival:.6} {}\n", bytes.len()).as_bytes());
     out.extend_from_slice(bytes);
     if !bytes.ends_with(b"\n") {
         out.push(b'\n');
     }
+}
+
+/// A line of notes. One that reads like a line of ours gets another blank, which is no part of it.
+pub(crate) fn note_line(note: &str) -> String {
+    let line = format!("# {}\n", note.replace(['\r', '\n'], " ").trim_ascii());
+    let ours = line.trim_ascii_end() == HEADER || line.as_bytes().starts_with(MARK);
+    if ours { line.replacen(' ', "  ", 1) } else { line }
 }
 
 /// The line at the start, without its end, and what is behind it.
@@ -216,8 +227,7 @@ fn marked(text: &[u8]) -> Option<(f64, usize, &[u8])> {
     let mut words = std::str::from_utf8(&line[MARK.len()..]).ok()?.split_ascii_whitespace();
     let arrival: f64 = words.next()?.parse().ok()?;
     let length = words.next()?.parse().ok()?;
-    // A day of recording and no more: a broken stamp must not make a replay wait for ever.
-    (0.0..1e5).contains(&arrival).then_some((arrival, length, after))
+    (0.0..LONGEST).contains(&arrival).then_some((arrival, length, after))
 }
 
 /// Where a packet that should have so many bytes ends, and whether it is all there. If the count does not fit (the file was edited, or cut), it ends where
@@ -245,73 +255,10 @@ fn line_starts(text: &[u8]) -> impl Iterator<Item = usize> {
     std::iter::once(0).chain(text.iter().enumerate().filter(|(_, byte)| matches!(byte, b'\n' | b'\r' | 0)).map(|(at, _)| at + 1))
 }
 
-/// Writes a take while it is recorded. After every packet the file is whole.
-#[derive(Debug)]
-pub struct TakeWriter {
-    file: BufWriter<File>,
-    path: PathBuf,
-    start: f64,
-}
-
-impl TakeWriter {
-    /// A new file; what was there is overwritten.
-    ///
-    /// # Errors
-    /// [`Error::File`].
-    pub fn create(path: &Path) -> Result<Self> {
-        let file = File::create(path).map_err(|e| cannot_write(path, e))?;
-        let mut writer = Self { file: BufWriter::new(file), path: path.to_owned(), start: 0.0 };
-        writer.put(format!("{HEADER}\n").as_bytes())?;
-        Ok(writer)
-    }
-
-    /// Goes on behind the last packet of a take that is not compressed; a new file if there is none. Arrivals go on 1 s after its last.
-    ///
-    /// # Errors
-    /// [`Error::File`].
-    pub fn append(path: &Path) -> Result<Self> {
-        if !path.exists() {
-            return Self::create(path);
-        }
-        let before = Take::read(path)?;
-        let mut file = OpenOptions::new().read(true).append(true).open(path).map_err(|e| cannot_write(path, e))?;
-        let mut head = [0; 2];
-        if file.read(&mut head).is_ok_and(|n| n == 2) && head == [0x1f, 0x8b] {
-            return Err(Error::file(path.display(), "a take that is not compressed", "a gzip file", "unpack it with gunzip first"));
-        }
-        let start = before.packets.last().map_or(0.0, |last| last.arrival) + 1.0;
-        let mut writer = Self { file: BufWriter::new(file), path: path.to_owned(), start };
-        // If the file was cut in a packet, this ends its line.
-        writer.put(b"\n")?;
-        Ok(writer)
-    }
-
-    /// A line of notes.
-    ///
-    /// # Errors
-    /// [`Error::File`].
-    pub fn note(&mut self, text: &str) -> Result<()> {
-        self.put(format!("# {}\n", text.replace(['\r', '\n'], " ")).as_bytes())
-    }
-
-    /// A packet that came at `arrival`, s since the recording started.
-    ///
-    /// # Errors
-    /// [`Error::File`], when the disk is full for instance.
-    pub fn packet(&mut self, arrival: f64, bytes: &[u8]) -> Result<()> {
-        let mut text = Vec::with_capacity(bytes.len() + 40);
-        write_packet(&mut text, self.start + arrival, bytes);
-        self.put(&text)
-    }
-
-    fn put(&mut self, bytes: &[u8]) -> Result<()> {
-        self.file.write_all(bytes).and_then(|()| self.file.flush()).map_err(|e| cannot_write(&self.path, e))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::take_writer::TakeWriter;
     use proptest::prelude::*;
 
     fn packet(frame: u32) -> Vec<u8> {
@@ -333,6 +280,14 @@ mod tests {
             let complete = (0..=9).rev().find(|&n| take(n).to_bytes().len() <= cut).unwrap_or(0) as usize;
             prop_assert_eq!(&read.packets[..], &whole.packets[..complete]);
             prop_assert!(read.damaged <= 1);
+        }
+
+        #[test]
+        fn every_note_is_read_back(note in prop_oneof![
+            "[ -~]{0,24}", Just(HEADER[2..].to_owned()), Just("take 1".to_owned()), Just("packet 1.0 20".to_owned()), Just("# a heading".to_owned()),
+        ]) {
+            let whole = Take { notes: vec![note.trim().to_owned()], ..take(2) };
+            prop_assert_eq!(Take::from_bytes(&whole.to_bytes()), whole);
         }
 
         #[test]
@@ -359,7 +314,17 @@ mod tests {
         // A compressed file that was cut still gives its beginning.
         let gz = std::fs::read(dir.join("a.take.gz")).unwrap();
         std::fs::write(dir.join("cut.gz"), &gz[..gz.len() - 12]).unwrap();
-        assert!(Take::read(&dir.join("cut.gz")).unwrap().packets.len() >= 4);
+        let cut = Take::read(&dir.join("cut.gz")).unwrap();
+        assert!(cut.packets.len() >= 4);
+        assert_eq!(cut.damaged, 1);
+        // One whose checksum is wrong, or missing, is not said to be whole.
+        let mut wrong = gz.clone();
+        wrong[gz.len() - 8] ^= 1;
+        for (name, bytes) in [("wrong.gz", &wrong[..]), ("short.gz", &gz[..gz.len() - 8])] {
+            std::fs::write(dir.join(name), bytes).unwrap();
+            let read = Take::read(&dir.join(name)).unwrap();
+            assert_eq!((read.packets.len(), read.damaged), (5, 1), "{name}");
+        }
         assert!(TakeWriter::append(&dir.join("a.take.gz")).unwrap_err().to_string().contains("gunzip"));
         // Recording goes on behind a cut.
         let path = dir.join("b.take");
@@ -368,6 +333,9 @@ mod tests {
         let mut writer = TakeWriter::append(&path).unwrap();
         writer.note("second part").unwrap();
         writer.packet(0.5, &packet(77)).unwrap();
+        for arrival in [-0.1, 1e6, f64::NAN] {
+            assert!(matches!(writer.packet(arrival, &packet(78)), Err(Error::InvalidValue { .. })), "{arrival} s");
+        }
         drop(writer);
         let read = Take::read(&path).unwrap();
         assert_eq!((read.packets.len(), read.damaged), (5, 1), "{read:?}");

@@ -1,6 +1,6 @@
 //! Hostile packets: none of them panics, costs more memory than it has bytes warrants, or brings in a number that is not finite.
 
-use quasirigid_mocap::dtrack::Packet;
+use quasirigid_mocap::dtrack::{Packet, Placement};
 use quasirigid_mocap::{BodyMap, HandChoice, HandDecoder, HandTracker, Pose, Side, TrackingOptions};
 
 /// One of each line, and the forms in which they may come.
@@ -63,20 +63,60 @@ fn mutate(random: &mut fastrand::Rng, bytes: &mut Vec<u8>) {
     }
 }
 
-/// Every number of a packet that was taken.
+/// Every number of a packet that was taken, whole ones too.
 fn numbers(packet: &Packet) -> Vec<f64> {
-    let mut all = Vec::new();
-    all.extend(packet.time());
-    for body in packet.bodies.iter().flatten() {
-        all.extend(body.placement.position.iter().chain(&body.placement.rotation).chain([&body.quality]));
+    let mut all: Vec<f64> = packet.time().into_iter().chain(packet.time_of_day).collect();
+    let place = |all: &mut Vec<f64>, placement: &Placement| all.extend(placement.position.iter().chain(&placement.rotation));
+    for body in packet.bodies.iter().flatten().chain(packet.tool_references.iter().flat_map(|listed| &listed.items)) {
+        place(&mut all, &body.placement);
+        all.push(body.quality);
+    }
+    for covariance in packet.covariances.iter().flatten() {
+        all.extend(covariance.reference.iter().chain(&covariance.upper));
+    }
+    for body in packet.hybrid_bodies.iter().flatten() {
+        place(&mut all, &body.placement);
+        all.extend([body.drift, f64::from(body.state)]);
+    }
+    for device in packet.old_flysticks.iter().chain(&packet.old_tools).flatten() {
+        place(&mut all, &device.placement);
+        all.push(device.quality);
+    }
+    for flystick in packet.flysticks.iter().flat_map(|listed| &listed.items) {
+        place(&mut all, &flystick.placement);
+        all.extend(flystick.joystick.iter().chain([&flystick.quality, &f64::from(flystick.button_count)]));
+    }
+    for tool in packet.tools.iter().flat_map(|listed| &listed.items) {
+        place(&mut all, &tool.placement);
+        all.extend(tool.covariance.iter().chain([&tool.quality, &tool.tip_radius, &f64::from(tool.button_count)]));
+    }
+    for marker in packet.markers.iter().flatten() {
+        all.extend(marker.position.iter().chain([&marker.quality]));
     }
     for hand in packet.hands.iter().flatten() {
-        all.extend(hand.placement.position.iter().chain(&hand.placement.rotation));
+        place(&mut all, &hand.placement);
+        all.push(hand.quality);
         for finger in &hand.fingers {
-            all.extend(finger.tip.position.iter().chain(&finger.tip.rotation).chain([&finger.tip_radius]));
+            place(&mut all, &finger.tip);
+            all.extend(finger.lengths.iter().chain(&finger.angles).chain([&finger.tip_radius]));
         }
     }
+    for joint in packet.people.iter().flat_map(|listed| &listed.items).flat_map(|person| &person.joints) {
+        place(&mut all, &joint.placement);
+        all.extend(joint.angles.iter().chain([&joint.quality]));
+    }
     all
+}
+
+/// What is announced in a packet that was taken has come, and ids are those of a controller.
+fn counts_are_true(packet: &Packet) -> bool {
+    let bodies = packet.bodies.iter().flatten().all(|body| body.id < 10_000);
+    let hands = packet.hands.iter().flatten().all(|hand| hand.fingers.len() <= 5 && hand.fingers.iter().all(|f| f.tip_radius <= 100.0));
+    let buttons = |count: u32, words: usize| count <= 256 && words == count.div_ceil(32) as usize;
+    let flysticks = packet.flysticks.iter().flat_map(|listed| &listed.items).all(|f| buttons(f.button_count, f.buttons.len()));
+    let tools = packet.tools.iter().flat_map(|listed| &listed.items).all(|t| buttons(t.button_count, t.buttons.len()));
+    let people = packet.people.iter().flat_map(|listed| &listed.items).all(|person| person.joints.len() <= 200);
+    bodies && hands && flysticks && tools && people
 }
 
 /// Feeds `count` mutated packets; returns how many were taken.
@@ -95,6 +135,7 @@ fn fuzz(count: u64, seed: u64) -> u64 {
         if let Ok(packet) = Packet::parse(&bytes) {
             taken += 1;
             assert!(numbers(&packet).iter().all(|x| x.abs() <= 1e12), "packet {k} of seed {seed}: {}", String::from_utf8_lossy(&bytes));
+            assert!(counts_are_true(&packet), "packet {k} of seed {seed}: {}", String::from_utf8_lossy(&bytes));
             let now = k as f64 * 1e-3;
             for frame in decoders.iter_mut().filter_map(|decoder| decoder.decode(&packet, now)) {
                 tracker.push(&frame).unwrap();

@@ -52,6 +52,24 @@ fn newest_frame_wins_and_all_can_be_taken() {
     assert!(figures.pick_up.1 < LIMIT.as_secs_f64() && figures.pick_up.0 > 0.0);
 }
 
+/// A take that is sent again, a measurement that is started again: the counter falls back by less than it may by overtaking.
+#[test]
+fn a_counter_that_starts_again_is_followed() {
+    let (receiver, sender) = (any(), sender());
+    for round in 1..=2 {
+        std::thread::sleep(Duration::from_millis(if round == 2 { 550 } else { 0 }));
+        for frame in 1..=10 {
+            sender.send_to(&packet(frame), receiver.address()).unwrap();
+        }
+        until(&receiver, 10 * round);
+        let latest = receiver.latest().unwrap();
+        assert_eq!(latest.packet.frame, 10);
+        assert!(receiver.now() - latest.arrival < 0.5, "round {round}: the latest is {} s old", receiver.now() - latest.arrival);
+    }
+    let figures = receiver.statistics();
+    assert_eq!((figures.restarts, figures.late, figures.duplicates, figures.lost), (1, 0, 0, 0), "{figures:?}");
+}
+
 #[test]
 fn what_is_no_packet_is_counted_and_dropped() {
     let (receiver, sender) = (any(), sender());
@@ -158,16 +176,30 @@ fn multicast_in_a_network_of_its_own() {
 #[test]
 #[ignore = "run by multicast_in_a_network_of_its_own"]
 fn multicast_group() {
-    let group = Ipv4Addr::new(225, 1, 1, 1);
-    let open = || Receiver::open(Endpoint::Multicast { group, port: 5000 }, &ReceiverOptions::default()).unwrap();
-    let receivers = [open(), open()];
-    sender_to_group(group);
-    for receiver in &receivers {
+    let (group, other) = (Ipv4Addr::new(225, 1, 1, 1), Ipv4Addr::new(225, 1, 1, 2));
+    let open = |group, bind| {
+        let options = ReceiverOptions { bind, ..ReceiverOptions::default() };
+        Receiver::open(Endpoint::Multicast { group, port: 5000 }, &options).unwrap()
+    };
+    // The address of an interface to listen on names it; a socket bound to that would hear nothing.
+    let receivers = [open(group, Ipv4Addr::UNSPECIFIED), open(group, Ipv4Addr::UNSPECIFIED), open(group, Ipv4Addr::LOCALHOST)];
+    let others = open(other, Ipv4Addr::UNSPECIFIED);
+    let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).unwrap();
+    socket.send_to(&packet(8), (other, 5000)).unwrap();
+    socket.send_to(&packet(9), (group, 5000)).unwrap();
+    for (receiver, frame) in receivers.iter().map(|receiver| (receiver, 9)).chain([(&others, 8)]) {
         until(receiver, 1);
-        assert_eq!(receiver.latest().unwrap().packet.frame, 9);
+        assert_eq!(receiver.latest().unwrap().packet.frame, frame);
     }
+    std::thread::sleep(Duration::from_millis(50));
+    let came: Vec<u64> = receivers.iter().chain([&others]).map(|receiver| receiver.statistics().datagrams).collect();
+    assert_eq!(came, [1; 4], "each hears its own group, and no other");
 }
 
-fn sender_to_group(group: Ipv4Addr) {
-    UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).unwrap().send_to(&packet(9), (group, 5000)).unwrap();
+#[test]
+fn one_group_has_one_interface() {
+    let here = Ipv4Addr::LOCALHOST;
+    let options = ReceiverOptions { bind: here, interface: Ipv4Addr::new(127, 0, 0, 2), ..ReceiverOptions::default() };
+    let refused = Receiver::open(Endpoint::Multicast { group: Ipv4Addr::new(225, 1, 1, 1), port: 0 }, &options);
+    assert!(matches!(refused, Err(Error::InvalidValue { .. })));
 }

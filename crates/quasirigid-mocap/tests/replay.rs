@@ -5,8 +5,8 @@ use quasirigid_mocap::{
     BodyMap, Endpoint, HandChoice, HandDecoder, HandTracker, Pose, Receiver, ReceiverOptions, Replay, ReplayOptions, Side, Take,
     TrackingOptions,
 };
-use std::net::Ipv4Addr;
-use std::time::Duration;
+use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
+use std::time::{Duration, Instant};
 
 const LIMIT: Duration = Duration::from_secs(20);
 
@@ -18,7 +18,7 @@ fn part(from: f64, to: f64) -> Take {
 }
 
 fn options() -> ReplayOptions {
-    ReplayOptions { source_port: 0, bind: Ipv4Addr::LOCALHOST, ..ReplayOptions::default() }
+    ReplayOptions { source_port: 0, bind: Some(Ipv4Addr::LOCALHOST), ..ReplayOptions::default() }
 }
 
 fn receiver() -> Receiver {
@@ -57,6 +57,37 @@ fn greeters_are_served_from_the_port_they_greeted() {
     assert!(replay.state().greetings >= 1);
     replay.stop();
     assert!(replay.state().done);
+}
+
+/// Whoever comes is served: the seventeenth in the place of the one that greeted longest ago. Named targets stay.
+#[test]
+fn greeters_make_room_for_later_ones() {
+    let named = receiver();
+    let mut replay = Replay::start(&part(0.0, 0.5), &[named.address()], &ReplayOptions { rounds: 0, ..options() }).unwrap();
+    let sockets: Vec<UdpSocket> = (0..20).map(|_| UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap()).collect();
+    let start = Instant::now();
+    for (k, socket) in sockets.iter().enumerate() {
+        socket.send_to(b"hello", replay.address()).unwrap();
+        while replay.state().greetings < k as u64 + 1 {
+            assert!(start.elapsed() < LIMIT, "{:?}", replay.state());
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+    let state = replay.state();
+    replay.stop();
+    let greeters: Vec<_> = sockets[4..].iter().map(|socket| socket.local_addr().unwrap()).collect();
+    assert_eq!((state.targets[0], &state.targets[1..], state.displaced), (named.address(), &greeters[..], 4));
+}
+
+#[test]
+fn a_replay_for_this_machine_is_not_open_to_others() {
+    let from = |targets: &[SocketAddr], bind| {
+        let replay = Replay::start(&part(0.0, 0.1), targets, &ReplayOptions { source_port: 0, bind, ..ReplayOptions::default() });
+        replay.unwrap().address().ip()
+    };
+    let (here, elsewhere) = ("127.0.0.1:9".parse().unwrap(), "192.0.2.1:9".parse().unwrap());
+    assert_eq!(from(&[here], None), Ipv4Addr::LOCALHOST);
+    assert_eq!([from(&[here, elsewhere], None), from(&[], None), from(&[here], Some(Ipv4Addr::UNSPECIFIED))], [Ipv4Addr::UNSPECIFIED; 3]);
 }
 
 #[test]

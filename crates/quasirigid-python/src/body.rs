@@ -34,7 +34,7 @@ impl Body {
 pub fn deformed_points(entry: &BodyEntry) -> Vec<Vec3> {
     let Some(skin) = &entry.skin else { return Vec::new() };
     let pose = entry.body.link_pose(entry.skin_link);
-    let mut points = skin.surface.in_callers_order(&skin.deformed);
+    let mut points = skin.surface.in_callers_order(&skin.deformed_points());
     points.iter_mut().for_each(|p| *p = pose.rotation * *p + pose.translation.vector);
     points
 }
@@ -107,6 +107,11 @@ impl Body {
         })?;
         let mass = mass_properties(Some(mass), &surface.engine, py)?;
         self.world.get().lock(py).set_mass(self.handle, mass).or_raise(py)
+    }
+
+    #[getter]
+    fn quarantined(&self, py: Python<'_>) -> PyResult<bool> {
+        self.world.get().lock(py).entry(self.handle).map(|entry| entry.quarantined).or_raise(py)
     }
 
     #[getter]

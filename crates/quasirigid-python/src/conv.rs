@@ -93,6 +93,18 @@ pub fn count(py: Python<'_>, what: &str, value: i64) -> PyResult<usize> {
     usize::try_from(value).map_err(|_| to_py(py, &Error::value(what, "a whole number >= 0", value, "give a count")))
 }
 
+/// A whole number from Python within `low` and `high`, where the type of the engine holds no others.
+pub fn within(py: Python<'_>, what: &str, value: i64, low: i64, high: i64) -> PyResult<i64> {
+    let refuse =
+        || to_py(py, &Error::value(what, format!("a whole number from {low} to {high}"), value, "give a number within this range"));
+    (low..=high).contains(&value).then_some(value).ok_or_else(refuse)
+}
+
+/// A port of the network, from `low` on: 0 where the system may choose.
+pub fn port(py: Python<'_>, what: &str, value: i64, low: u16) -> PyResult<u16> {
+    within(py, what, value, i64::from(low), i64::from(u16::MAX)).map(|port| port as u16)
+}
+
 /// `(3,)`.
 pub fn from_vec3<'py>(py: Python<'py>, v: &Vec3) -> Bound<'py, PyArray1<Real>> {
     PyArray1::from_slice(py, v.as_slice())

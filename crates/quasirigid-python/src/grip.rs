@@ -36,6 +36,7 @@ impl Grip {
             GripState::Closing => "closing",
             GripState::Squeezing => "squeezing",
             GripState::Holding => "holding",
+            GripState::Weak => "weak",
             GripState::Opening => "opening",
             GripState::Open => "open",
             GripState::Missed => "missed",

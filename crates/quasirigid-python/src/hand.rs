@@ -15,6 +15,9 @@ use quasirigid::grip::PadPath;
 use quasirigid::math::{Pose, Real, Vec3};
 use quasirigid::{Error, HandHandle, Result};
 
+/// More iterations of inverse kinematics than this help nobody, and cannot be broken off.
+const MOST_ITERATIONS: i64 = 100_000;
+
 /// Positions (fingers, 3) and quaternions (fingers, 4).
 type Poses<'py> = (Bound<'py, PyArray2<Real>>, Bound<'py, PyArray2<Real>>);
 
@@ -113,6 +116,12 @@ impl Hand {
     }
 
     #[getter]
+    fn quarantined(&self, py: Python<'_>) -> PyResult<bool> {
+        let states = self.read(py, |world, hand| hand.fingers.iter().map(|&finger| world.entry(finger).map(|e| e.quarantined)).collect());
+        states.map(|states: Vec<bool>| states.contains(&true))
+    }
+
+    #[getter]
     fn joint_positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
         self.table(py, Finger::joint_positions)
     }
@@ -203,12 +212,13 @@ impl Hand {
         normal: &Bound<'_, PyAny>,
         start: Option<&Bound<'_, PyAny>>,
         angle_weight: Real,
-        iterations: usize,
+        iterations: i64,
     ) -> PyResult<(Bound<'py, PyArray1<Real>>, Real)> {
         let finger = conv::count(py, "finger", finger)?;
         let goal = TipGoal::facing(conv::vec3(position, "position")?, conv::vec3(normal, "normal")?).or_raise(py)?;
         let start = start.map(|start| conv::vector(start, "start")).transpose()?;
-        let options = IkOptions { angle_weight, max_iterations: iterations, restarts: 0, ..IkOptions::default() };
+        let max_iterations = conv::within(py, "iterations", iterations, 0, MOST_ITERATIONS)? as usize;
+        let options = IkOptions { angle_weight, max_iterations, restarts: 0, ..IkOptions::default() };
         let (joints, error) = self.read(py, |world, hand| {
             let body = world.finger(self.handle, finger)?;
             let start = start.as_deref().unwrap_or(body.joint_targets());

@@ -1,7 +1,9 @@
 //! `Packet` and `Receiver`: packets of a tracker on the network. And what the other files of motion capture share.
 
+use crate::conv;
 use crate::errors::to_py;
 use pyo3::prelude::*;
+use pyo3::sync::{MutexExt, RwLockExt};
 use pyo3::types::{PyBytes, PyDict};
 use quasirigid_mocap as mocap;
 use quasirigid_mocap::{Error, Order};
@@ -33,11 +35,18 @@ pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
     crate::errors::make(py, class, [what, expected, got, hint])
 }
 
-pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+/// What a mutex holds, waiting without the GIL: whoever has it may want the GIL before it gives it back. An error is raised after that.
+pub(crate) fn lock<'a, T>(py: Python<'_>, mutex: &'a Mutex<T>) -> MutexGuard<'a, T> {
+    mutex.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner)
 }
 
-pub(crate) fn read<T>(shared: &RwLock<T>) -> RwLockReadGuard<'_, T> {
+/// The same to read only.
+pub(crate) fn read<'a, T>(py: Python<'_>, shared: &'a RwLock<T>) -> RwLockReadGuard<'a, T> {
+    shared.read_py_attached(py).unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The same for a thread that has let go of the GIL already.
+pub(crate) fn read_detached<T>(shared: &RwLock<T>) -> RwLockReadGuard<'_, T> {
     shared.read().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -230,8 +239,10 @@ pub struct Receiver {
 impl Receiver {
     #[new]
     #[pyo3(signature = (connection = "5000", *, bind = "0.0.0.0", interface = "0.0.0.0", max_bytes = 32_768, controller_port = 50_107))]
-    fn new(py: Python<'_>, connection: &str, bind: &str, interface: &str, max_bytes: usize, controller_port: u16) -> PyResult<Self> {
+    fn new(py: Python<'_>, connection: &str, bind: &str, interface: &str, max_bytes: i64, controller_port: i64) -> PyResult<Self> {
         let (bind, interface) = (address(py, "bind", bind)?, address(py, "interface", interface)?);
+        let (max_bytes, controller_port) =
+            (conv::count(py, "max_bytes", max_bytes)?, conv::port(py, "controller_port", controller_port, 1)?);
         let options = mocap::ReceiverOptions { bind, interface, max_bytes, controller_port };
         // Names of hosts are looked up, which may take long.
         let receiver = py.detach(|| mocap::Receiver::open(mocap::Endpoint::parse(connection)?, &options)).or_raise(py)?;
@@ -243,8 +254,8 @@ impl Receiver {
         pair(self.address)
     }
 
-    fn now(&self) -> f64 {
-        read(&self.receiver).now()
+    fn now(&self, py: Python<'_>) -> f64 {
+        read(py, &self.receiver).now()
     }
 
     fn wait(&self, py: Python<'_>, timeout: f64) -> PyResult<bool> {
@@ -252,9 +263,9 @@ impl Receiver {
         loop {
             // In pieces, so that Ctrl-C is heard and `close` from another thread is not kept waiting.
             let left = end.saturating_duration_since(std::time::Instant::now());
-            let came = py.detach(|| read(&self.receiver).wait(left.min(Duration::from_millis(50))));
+            let came = py.detach(|| read_detached(&self.receiver).wait(left.min(Duration::from_millis(50))));
             py.check_signals()?;
-            let failure = read(&self.receiver).failure();
+            let failure = read(py, &self.receiver).failure();
             if let Some(failure) = failure {
                 return Err(raise(py, &failure));
             }
@@ -265,18 +276,18 @@ impl Receiver {
     }
 
     fn take(&self, py: Python<'_>) -> Vec<Packet> {
-        let taken = py.detach(|| read(&self.receiver).take());
+        let taken = py.detach(|| read_detached(&self.receiver).take());
         taken.iter().map(|received| Packet::received(received)).collect()
     }
 
     #[getter]
     fn latest(&self, py: Python<'_>) -> Option<Packet> {
-        let latest: Option<Arc<mocap::Received>> = py.detach(|| read(&self.receiver).latest());
+        let latest: Option<Arc<mocap::Received>> = py.detach(|| read_detached(&self.receiver).latest());
         latest.map(|received| Packet::received(&received))
     }
 
     fn statistics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        figures(py, &py.detach(|| read(&self.receiver).statistics()))
+        figures(py, &py.detach(|| read_detached(&self.receiver).statistics()))
     }
 
     fn close(&self, py: Python<'_>) {

@@ -2,14 +2,14 @@
 
 use crate::conv;
 use crate::errors::to_py;
-use crate::mocap::{OrRaiseMocap, Packet};
+use crate::mocap::{OrRaiseMocap, Packet, lock};
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use quasirigid::Error;
 use quasirigid_mocap as mocap;
 use quasirigid_mocap::{Delay, FingerPose, PalmPose, Pose, ReferenceFrame, Side, Source, TargetState};
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 /// Fingers and palm.
 const PARTS: usize = 6;
@@ -107,7 +107,9 @@ impl HandFrame {
             if k == PALM {
                 hand.palm = Some(PalmPose { pose, tracked: true });
             } else {
-                let pad_radius: f64 = row(pad_radii, "pad_radii", k)?.extract()?;
+                let radius = row(pad_radii, "pad_radii", k)?;
+                let refuse = |_| to_py(py, &Error::shape("pad_radii", "numbers of shape (6,)", &radius, "give an array of real numbers"));
+                let pad_radius: f64 = radius.extract().map_err(refuse)?;
                 mocap::error::check_within("pad_radii", pad_radius, 0.0, 0.1, "m").or_raise(py)?;
                 hand.fingers[k] = Some(FingerPose { tip: pose, pad_radius, tracked: true });
             }
@@ -207,13 +209,12 @@ impl HandDecoder {
     }
 
     #[getter]
-    fn side(&self) -> &'static str {
-        self.decoder.lock().unwrap_or_else(PoisonError::into_inner).side().name()
+    fn side(&self, py: Python<'_>) -> &'static str {
+        lock(py, &self.decoder).side().name()
     }
 
-    pub fn decode(&self, packet: &Packet) -> Option<HandFrame> {
-        let mut decoder = self.decoder.lock().unwrap_or_else(PoisonError::into_inner);
-        decoder.decode(&packet.packet, packet.arrival).map(|frame| HandFrame { frame })
+    pub fn decode(&self, py: Python<'_>, packet: &Packet) -> Option<HandFrame> {
+        lock(py, &self.decoder).decode(&packet.packet, packet.arrival).map(|frame| HandFrame { frame })
     }
 }
 
@@ -298,23 +299,24 @@ impl HandTracker {
     }
 
     fn push(&self, py: Python<'_>, frame: &HandFrame) -> PyResult<()> {
-        self.tracker.lock().unwrap_or_else(PoisonError::into_inner).push(&frame.frame).or_raise(py)
+        let pushed = lock(py, &self.tracker).push(&frame.frame);
+        pushed.or_raise(py)
     }
 
     fn sample(&self, py: Python<'_>, now: f64) -> PyResult<Option<HandTargets>> {
         mocap::error::check_within("now", now, -1e12, 1e12, "s").or_raise(py)?;
-        let targets = self.tracker.lock().unwrap_or_else(PoisonError::into_inner).sample(now);
+        let targets = lock(py, &self.tracker).sample(now);
         Ok(targets.map(|targets| HandTargets { targets }))
     }
 
     #[getter]
-    fn side(&self) -> &'static str {
-        self.tracker.lock().unwrap_or_else(PoisonError::into_inner).side().name()
+    fn side(&self, py: Python<'_>) -> &'static str {
+        lock(py, &self.tracker).side().name()
     }
 
     #[getter]
-    fn delay(&self) -> f64 {
-        self.tracker.lock().unwrap_or_else(PoisonError::into_inner).delay()
+    fn delay(&self, py: Python<'_>) -> f64 {
+        lock(py, &self.tracker).delay()
     }
 }
 

@@ -1,6 +1,7 @@
 //! `Take`, `TakeWriter` and `Replay`: packets of a tracker in files, and on their way again.
 
-use crate::mocap::{OrRaiseMocap, Packet, address, duration, figures, lock, pair, parse, raise, read};
+use crate::conv;
+use crate::mocap::{OrRaiseMocap, Packet, address, duration, figures, lock, pair, parse, raise, read, read_detached};
 use crate::mocap_hand::{HandDecoder, HandFrame, named_side};
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
@@ -26,7 +27,8 @@ impl Take {
 
     #[staticmethod]
     #[pyo3(signature = (*, seed = 1, rate = 60.0, noise = 3e-4, tremor = 1.5e-4, side = "right"))]
-    fn pinch(py: Python<'_>, seed: u64, rate: f64, noise: f64, tremor: f64, side: &str) -> PyResult<Self> {
+    fn pinch(py: Python<'_>, seed: i64, rate: f64, noise: f64, tremor: f64, side: &str) -> PyResult<Self> {
+        let seed = conv::within(py, "seed", seed, 0, i64::MAX)? as u64;
         let options = mocap::synthetic::PinchOptions { seed, rate, noise, tremor, side: named_side(py, side)? };
         mocap::synthetic::pinch_take(&options).or_raise(py).map(|take| Self { take })
     }
@@ -73,7 +75,7 @@ impl Take {
     fn frames(&self, py: Python<'_>, decoder: &HandDecoder) -> PyResult<Vec<HandFrame>> {
         let mut frames = Vec::new();
         for packet in self.packets(py)? {
-            frames.extend(decoder.decode(&packet));
+            frames.extend(decoder.decode(py, &packet));
         }
         Ok(frames)
     }
@@ -90,7 +92,20 @@ impl Take {
 /// Writes a take while it is recorded.
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct TakeWriter {
-    writer: Mutex<mocap::TakeWriter>,
+    /// None once it is closed.
+    writer: Mutex<Option<mocap::TakeWriter>>,
+}
+
+impl TakeWriter {
+    fn write(&self, py: Python<'_>, write: impl Send + FnOnce(&mut mocap::TakeWriter) -> mocap::Result<()>) -> PyResult<()> {
+        let mut writer = lock(py, &self.writer);
+        let written = match writer.as_mut() {
+            Some(writer) => py.detach(|| write(writer)),
+            None => Err(mocap::Error::value("take writer", "an open one", "one that was closed", "open the file again with append=True")),
+        };
+        drop(writer);
+        written.or_raise(py)
+    }
 }
 
 #[pymethods]
@@ -99,16 +114,28 @@ impl TakeWriter {
     #[pyo3(signature = (path, *, append = false))]
     fn new(py: Python<'_>, path: PathBuf, append: bool) -> PyResult<Self> {
         let open = || if append { mocap::TakeWriter::append(&path) } else { mocap::TakeWriter::create(&path) };
-        py.detach(open).or_raise(py).map(|writer| Self { writer: Mutex::new(writer) })
+        py.detach(open).or_raise(py).map(|writer| Self { writer: Mutex::new(Some(writer)) })
     }
 
     fn note(&self, py: Python<'_>, text: &str) -> PyResult<()> {
-        lock(&self.writer).note(text).or_raise(py)
+        self.write(py, |writer| writer.note(text))
     }
 
     fn packet(&self, py: Python<'_>, arrival: f64, data: &[u8]) -> PyResult<()> {
-        mocap::error::check_within("arrival", arrival, 0.0, 1e5, "s").or_raise(py)?;
-        py.detach(|| lock(&self.writer).packet(arrival, data)).or_raise(py)
+        self.write(py, |writer| writer.packet(arrival, data))
+    }
+
+    fn close(&self, py: Python<'_>) {
+        *lock(py, &self.writer) = None;
+    }
+
+    fn __enter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    #[pyo3(signature = (*_exception))]
+    fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, PyAny>) {
+        self.close(py);
     }
 }
 
@@ -122,19 +149,21 @@ pub struct Replay {
 impl Replay {
     #[new]
     #[allow(clippy::too_many_arguments)] // keyword arguments
-    #[pyo3(signature = (take, targets = vec![], *, speed = 1.0, rounds = 1, source_port = 50_107, bind = "0.0.0.0", serve_greeters = true, bodies = false))]
+    #[pyo3(signature = (take, targets = vec![], *, speed = 1.0, rounds = 1, source_port = 50_107, bind = None, serve_greeters = true, bodies = false))]
     fn new(
         py: Python<'_>,
         take: &Take,
         targets: Vec<String>,
         speed: f64,
-        rounds: u32,
-        source_port: u16,
-        bind: &str,
+        rounds: i64,
+        source_port: i64,
+        bind: Option<&str>,
         serve_greeters: bool,
         bodies: bool,
     ) -> PyResult<Self> {
-        let options = mocap::ReplayOptions { speed, rounds, source_port, bind: address(py, "bind", bind)?, serve_greeters, bodies };
+        let rounds = conv::within(py, "rounds", rounds, 0, i64::from(u32::MAX))? as u32;
+        let (source_port, bind) = (conv::port(py, "source_port", source_port, 0)?, bind.map(|text| address(py, "bind", text)).transpose()?);
+        let options = mocap::ReplayOptions { speed, rounds, source_port, bind, serve_greeters, bodies };
         let start = || {
             let targets =
                 targets.iter().map(|text| mocap::endpoint::target(text).map(SocketAddr::V4)).collect::<mocap::Result<Vec<_>>>()?;
@@ -144,18 +173,19 @@ impl Replay {
     }
 
     #[getter]
-    fn address(&self) -> (String, u16) {
-        pair(read(&self.replay).address())
+    fn address(&self, py: Python<'_>) -> (String, u16) {
+        pair(read(py, &self.replay).address())
     }
 
     fn wait(&self, py: Python<'_>, timeout: f64) -> PyResult<bool> {
         let end = std::time::Instant::now() + duration(py, "timeout", timeout)?;
         loop {
             let left = end.saturating_duration_since(std::time::Instant::now());
-            let done = py.detach(|| read(&self.replay).wait(left.min(Duration::from_millis(50))));
+            let done = py.detach(|| read_detached(&self.replay).wait(left.min(Duration::from_millis(50))));
             py.check_signals()?;
             if done || left.is_zero() {
-                return match read(&self.replay).state().failure {
+                let failure = read(py, &self.replay).state().failure;
+                return match failure {
                     Some(failure) => Err(raise(py, &failure)),
                     None => Ok(done),
                 };
@@ -164,12 +194,13 @@ impl Replay {
     }
 
     fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let s = read(&self.replay).state();
+        let s = read(py, &self.replay).state();
         let dict = PyDict::new(py);
         dict.set_item("sent", s.sent)?;
         dict.set_item("rounds", s.rounds)?;
         dict.set_item("greetings", s.greetings)?;
         dict.set_item("targets", s.targets.iter().copied().map(pair).collect::<Vec<_>>())?;
+        dict.set_item("displaced", s.displaced)?;
         dict.set_item("refused", s.refused)?;
         dict.set_item("latest", s.latest)?;
         dict.set_item("done", s.done)?;

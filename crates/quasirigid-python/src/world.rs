@@ -270,21 +270,23 @@ impl World {
         if left == 0 {
             return Err(to_py(py, &Error::value("n", "at least 1 step", 0, "ask for a step to get a report")));
         }
-        // A body is set aside in one step alone: of all the steps, or it would be lost.
-        let mut set_aside = Vec::new();
+        let mut so_far = None;
         loop {
             // The lock is taken and let go without the GIL: whoever waits for it holds nothing that this thread needs.
             let report = py.detach(|| {
                 let mut engine = self.engine.lock().unwrap_or_else(PoisonError::into_inner);
                 let start = Instant::now();
                 loop {
-                    let report = engine.step();
+                    let mut report = engine.step();
+                    if let Some(before) = so_far.take() {
+                        report = report.after(before);
+                    }
                     left -= 1;
-                    set_aside.extend_from_slice(&report.quarantined);
                     if left == 0 || start.elapsed() > SIGNALS_EVERY {
-                        let quarantined = set_aside.iter().filter_map(|&body| engine.dense(body).ok()).collect();
+                        let quarantined = report.quarantined.iter().filter_map(|&body| engine.dense(body).ok()).collect();
                         break StepReport { engine: report, quarantined };
                     }
+                    so_far = Some(report);
                 }
             });
             let report = Py::new(py, report)?;
@@ -293,6 +295,7 @@ impl World {
             if left == 0 {
                 return Ok(report);
             }
+            so_far = Some(report.get().engine.clone());
         }
     }
 

@@ -18,6 +18,10 @@ const TOUCH: Real = 0.02;
 const SETTLED: Real = 0.01;
 /// ... for this long, s.
 const SETTLE_TIME: Real = 0.1;
+/// Motors within this share of their limit give all that they have.
+const AT_LIMIT: Real = 1e-6;
+/// A finger that cannot bring its pad nearer than this to where it shall be is at the end of its reach, m.
+const OUT_OF_REACH: Real = 1e-3;
 /// A pad that travelled this far without touching has missed, m.
 const LONGEST_TRAVEL: Real = 0.06;
 
@@ -30,6 +34,8 @@ pub enum GripState {
     Squeezing,
     /// Joint targets are frozen.
     Holding,
+    /// Joint targets are frozen, though not every pad presses with its share: a motor is at its limit, or the finger is at the end of its reach.
+    Weak,
     /// Pads travel back.
     Opening,
     /// Pads are back where they started.
@@ -54,6 +60,8 @@ struct Pad {
     path: PadPath,
     travel: Real,
     targets: Vec<Real>,
+    /// How far the targets are off the path, m.
+    error: Real,
 }
 
 /// The controller. Call [`Grip::update`] once before every [`World::step`].
@@ -92,20 +100,22 @@ impl Grip {
             check_positive("share of the squeeze", path.share, "-")?;
             let path = PadPath { direction: path.direction.normalize(), ..*path };
             let start = [0.0, 0.3, 0.5, 0.2].iter().copied().chain(std::iter::repeat(0.0)).take(world.finger(hand, finger)?.model().dof());
-            let mut pad = Pad { path, travel: 0.0, targets: start.collect() };
-            let error = pad.solve(world, hand, finger, &IkOptions::default())?;
-            if error > 1e-3 {
+            let mut pad = Pad { path, travel: 0.0, targets: start.collect(), error: 0.0 };
+            pad.solve(world, hand, finger, &IkOptions::default())?;
+            if pad.error > OUT_OF_REACH {
                 return Err(Error::value(
                     format!("start of pad {finger}"),
                     "a place within reach of the finger",
-                    format!("{:?} m, missed by {:.1} mm", path.start.as_slice(), error * 1e3),
+                    format!("{:?} m, missed by {:.1} mm", path.start.as_slice(), pad.error * 1e3),
                     "start nearer to the palm, or turn the hand",
                 ));
             }
+            pads.push(pad);
+        }
+        for (finger, pad) in pads.iter().enumerate() {
             let body = world.finger_mut(hand, finger)?;
             body.set_joint_positions(&pad.targets)?;
             body.set_joint_targets(&pad.targets)?;
-            pads.push(pad);
         }
         Ok(Self { hand, squeeze, state: GripState::Closing, pads, settled_for: 0.0 })
     }
@@ -132,7 +142,7 @@ impl Grip {
     pub fn set_squeeze(&mut self, squeeze: Real) -> Result<()> {
         check_positive("squeeze", squeeze, "N")?;
         self.squeeze = squeeze;
-        if self.state == GripState::Holding {
+        if matches!(self.state, GripState::Holding | GripState::Weak) {
             (self.state, self.settled_for) = (GripState::Squeezing, 0.0);
         }
         Ok(())
@@ -148,8 +158,11 @@ impl Grip {
         self.state = GripState::Opening;
     }
 
-    /// Closes again.
+    /// Closes again; pads that have missed start again from the start of their paths.
     pub fn close(&mut self) {
+        if self.state == GripState::Missed {
+            self.pads.iter_mut().for_each(|pad| pad.travel = 0.0);
+        }
         (self.state, self.settled_for) = (GripState::Closing, 0.0);
     }
 
@@ -184,15 +197,25 @@ impl Grip {
                 }
             }
             GripState::Squeezing => {
+                let shares: Vec<Real> = self.pads.iter().map(|pad| self.squeeze * pad.path.share).collect();
+                let is_short = |finger: usize| shares[finger] - forces[finger] > SETTLED * shares[finger];
+                let mut weak = false;
+                for (finger, pad) in self.pads.iter().enumerate().filter(|(finger, _)| is_short(*finger)) {
+                    weak |= pad.error > OUT_OF_REACH || motors_at_limit(world, self.hand, finger)?;
+                }
                 let mut settled = true;
-                for (pad, force) in self.pads.iter_mut().zip(&forces) {
-                    let wanted = self.squeeze * pad.path.share;
-                    pad.travel += (GAIN * (wanted - force)).clamp(-PRESSING_SPEED, PRESSING_SPEED) * dt;
-                    settled &= (wanted - force).abs() < SETTLED * wanted;
+                for (finger, pad) in self.pads.iter_mut().enumerate() {
+                    // Where one pad gives all that it has, no other can press on against it: what it would travel had only to be taken back before it lets go.
+                    if weak && is_short(finger) {
+                        continue;
+                    }
+                    let missing = shares[finger] - forces[finger];
+                    pad.travel += (GAIN * missing).clamp(-PRESSING_SPEED, PRESSING_SPEED) * dt;
+                    settled &= missing.abs() < SETTLED * shares[finger];
                 }
                 self.settled_for = if settled { self.settled_for + dt } else { 0.0 };
                 if self.settled_for >= SETTLE_TIME {
-                    self.state = GripState::Holding;
+                    self.state = if weak { GripState::Weak } else { GripState::Holding };
                 }
             }
             GripState::Opening => {
@@ -201,7 +224,7 @@ impl Grip {
                     self.state = GripState::Open;
                 }
             }
-            GripState::Holding | GripState::Open | GripState::Missed => return Ok(()),
+            GripState::Holding | GripState::Weak | GripState::Open | GripState::Missed => return Ok(()),
         }
         // From step to step the pads move by micrometres: a few iterations from where they were.
         let options = IkOptions { max_iterations: 10, restarts: 0, ..IkOptions::default() };
@@ -214,14 +237,79 @@ impl Grip {
 }
 
 impl Pad {
-    /// Joint targets for where the pad is on its path; returns how far off they are, m.
-    fn solve(&mut self, world: &World, hand: HandHandle, finger: usize, options: &IkOptions) -> Result<Real> {
+    /// Joint targets for where the pad is on its path, and how far off they are.
+    fn solve(&mut self, world: &World, hand: HandHandle, finger: usize, options: &IkOptions) -> Result<()> {
         let tip = world.hand(hand)?.model.tips()[finger].apex();
         let goal = TipGoal::facing(self.path.start + self.path.direction * self.travel, self.path.direction)?;
         let model = world.finger(hand, finger)?.model();
         let found = inverse_kinematics(model, &tip, &goal, &self.targets, options)?;
         let joints = self.targets.len();
         self.targets.copy_from_slice(&found.positions[..joints]);
-        Ok(found.position_error)
+        self.error = found.position_error;
+        Ok(())
+    }
+}
+
+/// Whether a motor of the finger gave all that it has in the last step.
+fn motors_at_limit(world: &World, hand: HandHandle, finger: usize) -> Result<bool> {
+    let finger = world.finger(hand, finger)?;
+    let motors = finger.motor_torques().iter().zip(finger.model().joints());
+    Ok(motors.into_iter().any(|(torque, joint)| torque.abs() >= (1.0 - AT_LIMIT) * joint.torque_limit))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Pose;
+    use crate::scenes::{GraspOptions, GraspScene};
+
+    fn scene() -> GraspScene {
+        GraspScene::new(&GraspOptions { object_points: (1_500, 200), pad_points: (450, 60), ..GraspOptions::default() }).unwrap()
+    }
+
+    /// Steps until the controller is in this state, and returns for how many.
+    fn steps_until(scene: &mut GraspScene, state: GripState) -> usize {
+        for step in 0..3_000 {
+            if scene.grip.state() == state {
+                return step;
+            }
+            scene.step().unwrap();
+        }
+        panic!("{:?}, not {state:?}", scene.grip.state());
+    }
+
+    #[test]
+    fn a_squeeze_that_the_motors_cannot_give_ends_as_weak_and_lets_go_at_once() {
+        let mut scene = scene();
+        scene.grip.set_squeeze(500.0).unwrap();
+        steps_until(&mut scene, GripState::Weak);
+        let forces = scene.grip.forces(&scene.world).unwrap();
+        scene.grip.open();
+        let mut steps = 0;
+        while scene.grip.forces(&scene.world).unwrap().iter().any(|force| *force > TOUCH) {
+            scene.step().unwrap();
+            steps += 1;
+            assert!(steps < 1_000, "still pressing after a second");
+        }
+        println!("{forces:?} N, let go after {steps} steps");
+        // With what fingers and pads give under that force the targets are some 15 mm inside.
+        assert!(steps < 700, "let go after {steps} steps");
+        scene.grip.set_squeeze(4.0).unwrap();
+        scene.grip.close();
+        steps_until(&mut scene, GripState::Holding);
+    }
+
+    #[test]
+    fn a_grip_that_has_missed_closes_again() {
+        let mut scene = scene();
+        let object = scene.object;
+        let aside = Pose::translation(0.0, 0.5, 0.0) * scene.world.body(object).unwrap().pose();
+        scene.world.body_mut(object).unwrap().set_pose(aside).unwrap();
+        let first = steps_until(&mut scene, GripState::Missed);
+        scene.grip.close();
+        scene.step().unwrap();
+        assert_eq!(scene.grip.state(), GripState::Closing);
+        let again = steps_until(&mut scene, GripState::Missed);
+        assert!(again > first / 2, "missed again after {again} steps, {first} at first");
     }
 }

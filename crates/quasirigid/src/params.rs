@@ -28,8 +28,8 @@ pub struct Parameters {
     /// less too few contacts are left to hold anything. Default: no limit. When it is spent the traversal stops and the report says `coarse`: patches are then
     /// made of fewer, larger contacts. They hold as hard, but not as still: which points stand for a patch may change as the bodies move.
     pub traversal_budget: usize,
-    /// Sphere tests are done with this much more margin, m, and their result is kept until the two bodies have moved by it. Default 2e-4. Larger means
-    /// fewer traversals and more control points to look at in each step.
+    /// Sphere tests are done with this much more margin, m, and their result is kept until the two bodies have moved by it. Default 5e-4. Larger means
+    /// fewer traversals and more control points to look at in each step. Where control points are far apart it is a tenth of their spacing, if that is more.
     pub traversal_slack: Real,
     /// Projections on a surface stop when the distance left is below this, m. Default 1e-10.
     pub projection_tolerance: Real,
@@ -44,7 +44,7 @@ pub struct Parameters {
     /// Spheres are refitted after deformation up to this level of the tree, 0 being the root; nodes above are inflated by the largest displacement instead.
     /// Default 6. Higher saves time, and makes the upper spheres looser.
     pub refit_level: u32,
-    /// Surface points follow their control points, and spheres are refitted, when an elastic displacement has changed by more than this, m. Default 1e-7.
+    /// Surface points and spheres follow a control point when its elastic displacement has changed by more than this, m. Default 1e-7.
     /// The control points keep the exact value.
     pub deformation_threshold: Real,
     /// Where two surfaces meet and the one with the coarser control points is more than this many times stiffer, it counts as rigid: what it would yield is a
@@ -73,7 +73,7 @@ impl Default for Parameters {
             contact_margin: 2e-4,
             push_out_speed: 0.02,
             traversal_budget: usize::MAX,
-            traversal_slack: 2e-4,
+            traversal_slack: 5e-4,
             projection_tolerance: 1e-10,
             projection_slack: 1e-6,
             collision_every: 1,

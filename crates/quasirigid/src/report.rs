@@ -32,7 +32,7 @@ pub struct StageTimes {
     pub w_rigid: Duration,
     /// Of stage 3: the elastic part of W, and the diagonal blocks of both.
     pub w_deform: Duration,
-    /// Of stage 5: points deformed and spheres refitted.
+    /// Of stage 5: displacements of the patches summed; and of stage 2: spheres refitted before they are traversed.
     pub hierarchy_update: Duration,
 }
 
@@ -79,8 +79,51 @@ pub struct StepReport {
 }
 
 impl StepReport {
+    /// One report for several steps: this one, of the last, with what must not be missed of those before: every body that was set aside, the sum of ill-posed contacts,
+    /// whether any was coarse, and the residual and the reason to stop of the worst solve.
+    #[must_use]
+    pub fn after(mut self, mut before: Self) -> Self {
+        before.quarantined.append(&mut self.quarantined);
+        self.quarantined = before.quarantined;
+        self.ill_posed += before.ill_posed;
+        self.coarse |= before.coarse;
+        // A solve that did not converge is worse than one that did, whatever its residual.
+        let rank = |converged: bool, residual: Real| (!converged, if residual.is_nan() { Real::INFINITY } else { residual });
+        if rank(before.stop.converged(), before.residual) > rank(self.converged(), self.residual) {
+            (self.residual, self.stop) = (before.residual, before.stop);
+        }
+        self
+    }
+
     /// Whether the solver reached its tolerance.
     pub fn converged(&self) -> bool {
         self.stop == Stop::Converged
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_report_of_several_steps_keeps_the_worst() {
+        let step = |time, residual, stop, ill_posed| StepReport {
+            time,
+            contacts: 3,
+            sweeps: 2,
+            newton_steps: 0,
+            residual,
+            stop,
+            coarse: ill_posed > 0,
+            ill_posed,
+            quarantined: Vec::new(),
+            times: StageTimes::default(),
+        };
+        let first = step(1.0, 1e-9, Stop::Converged, 2);
+        let cut = step(2.0, 1e-12, Stop::SweepCap, 0);
+        let last = step(3.0, 1e-10, Stop::Converged, 1);
+        let all = last.after(cut.after(first));
+        assert_eq!((all.time, all.residual, all.stop), (3.0, 1e-12, Stop::SweepCap));
+        assert_eq!((all.ill_posed, all.coarse, all.converged()), (3, true, false));
     }
 }

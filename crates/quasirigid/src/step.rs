@@ -62,7 +62,7 @@ impl World {
         times.interpenetration = ws.collision.projection_time;
         times.w_rigid = ws.problem.rigid_time;
         times.w_deform = ws.problem.deform_time;
-        times.hierarchy_update = ws.motion.hierarchy_time;
+        times.hierarchy_update = ws.collision.refit_time + ws.motion.hierarchy_time;
         self.steps += 1;
         self.hands_arrived();
         let quarantined = self.workspace.motion.quarantined.iter().map(|&dense| self.handle_of(dense)).collect();

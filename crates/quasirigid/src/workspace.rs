@@ -1,5 +1,5 @@
-//! Scratch of a step, kept from one to the next so that a step allocates nothing. No state lives here: but for the contacts and reactions
-//! of the last step, which a user may read, it could be thrown away between steps.
+//! Scratch of a step, kept from one to the next so that a step allocates nothing. No state lives here, but for the contacts and reactions of the last step, which a user
+//! may read, and the count of elastic rows filled, which pairs know theirs by.
 
 use crate::collision::Collision;
 use crate::constrained_motion::Scratch as MotionScratch;
@@ -23,4 +23,11 @@ pub struct Workspace {
     pub motion: MotionScratch,
     /// Time that stage 5 took in the last step.
     pub motion_time: Duration,
+}
+
+impl Workspace {
+    /// Throws away all that is of the last step.
+    pub(crate) fn clear(&mut self) {
+        *self = Self { problem: self.problem.started_anew(), ..Self::default() };
+    }
 }

@@ -1,34 +1,35 @@
 //! The state of a simulation: bodies, hands, what pairs remember, parameters.
 
 use crate::body::friction_table::FrictionTable;
+use crate::body::rigid::check_pose;
 use crate::body::{Body, BodyEntry, ComplianceModel, Finger, HandModel, Material, Motion, RigidBody, Skin};
 use crate::collision::{Contact, Pair};
 use crate::contact_problem::ContactProblem;
 use crate::error::{Error, Result};
-use crate::math::{Pose, Real, Vec3, pose_is_finite};
+use crate::math::{Pose, Real, Vec3};
 use crate::params::Parameters;
 use crate::surface::Surface;
 use crate::workspace::Workspace;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 
-/// A body of one world. Stays valid until the body is removed; using it after that is an error, not another body.
+/// A body of one world. Stays valid until the body is removed; using it after that, or with another world, is an error, not another body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct BodyHandle {
+    world: u32,
     index: u32,
     generation: u32,
 }
 
-/// A hand of one world.
+/// A hand of one world. Using it with another world, or after the hand was removed, is an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct HandHandle {
+    world: u32,
     index: u32,
 }
 
-impl HandHandle {
-    pub(crate) fn of(index: usize) -> Self {
-        Self { index: index as u32 }
-    }
-}
+/// Numbers worlds, so that no handle is taken for one of another world.
+static WORLDS: AtomicU32 = AtomicU32::new(0);
 
 /// A hand: fingers on a common base.
 #[derive(Debug, Clone)]
@@ -37,7 +38,7 @@ pub struct Hand {
     pub model: HandModel,
     /// Its fingers, in the model's order.
     pub fingers: Vec<BodyHandle>,
-    /// Pose of the hand frame in the world at the end of the last step.
+    /// Pose of the hand frame in the world at the end of the last step: where the fingers are that were not set aside.
     pub base: Pose,
     target: Option<Pose>,
 }
@@ -59,6 +60,7 @@ pub struct World {
     pub(crate) workspace: Workspace,
     pub(crate) steps: u64,
     pub(crate) pool: Option<rayon::ThreadPool>,
+    number: u32,
     slots: Vec<Slot>,
     start_time: Real,
     start_steps: u64,
@@ -81,6 +83,7 @@ impl World {
             workspace: Workspace::default(),
             steps: 0,
             pool,
+            number: WORLDS.fetch_add(1, Ordering::Relaxed),
             slots: Vec::new(),
             start_time: 0.0,
             start_steps: 0,
@@ -158,15 +161,17 @@ impl World {
                 "a matrix is for one surface, a hand has a pad on every finger: add pads as bodies of their own",
             ));
         }
-        let handle = HandHandle { index: self.hands.len() as u32 };
-        let mut fingers = Vec::with_capacity(model.fingers().len());
+        let handle = self.hand_handle(self.hands.len());
+        // All are made before the first is added: what is refused leaves nothing behind.
+        let mut entries = Vec::with_capacity(model.fingers().len());
         for (finger, tip) in model.instantiate(base, motion)?.into_iter().zip(model.tips()) {
             let link = finger.model().dof() - 1;
             let pad = Arc::new(Surface::build(surface.clone().transformed(&tip.pose)?, control_points)?);
             let skin = Some(Skin::new(pad, material.clone())?);
             let entry = BodyEntry { body: Body::Finger(finger), skin, skin_link: link, hand: Some(handle.index), quarantined: false };
-            fingers.push(self.add_entry(entry));
+            entries.push(entry);
         }
+        let fingers = entries.into_iter().map(|entry| self.add_entry(entry)).collect();
         self.hands.push(Some(Hand { model: model.clone(), fingers, base, target: None }));
         Ok(handle)
     }
@@ -231,7 +236,7 @@ impl World {
     /// # Errors
     /// [`Error::InvalidHandle`] if it was removed.
     pub fn hand(&self, handle: HandHandle) -> Result<&Hand> {
-        let hand = self.hands.get(handle.index as usize).and_then(Option::as_ref);
+        let hand = self.hands.get(handle.index as usize).filter(|_| handle.world == self.number).and_then(Option::as_ref);
         hand.ok_or_else(|| {
             Error::handle("hand", "a hand of this world", format!("{handle:?}"), "it was removed, or belongs to another world")
         })
@@ -298,7 +303,7 @@ impl World {
     /// Handle of the body at a place in [`World::bodies`].
     pub fn handle_of(&self, dense: usize) -> BodyHandle {
         let index = self.slots.iter().position(|slot| slot.dense == Some(dense as u32)).unwrap_or(usize::MAX);
-        BodyHandle { index: index as u32, generation: self.slots.get(index).map_or(0, |slot| slot.generation) }
+        self.body_handle(index, self.slots.get(index).map_or(0, |slot| slot.generation))
     }
 
     /// Place of a body in [`World::bodies`].
@@ -306,7 +311,8 @@ impl World {
     /// # Errors
     /// [`Error::InvalidHandle`] if it was removed.
     pub fn dense(&self, handle: BodyHandle) -> Result<usize> {
-        let slot = self.slots.get(handle.index as usize).filter(|slot| slot.generation == handle.generation);
+        let here = |slot: &&Slot| handle.world == self.number && slot.generation == handle.generation;
+        let slot = self.slots.get(handle.index as usize).filter(here);
         slot.and_then(|slot| slot.dense).map(|dense| dense as usize).ok_or_else(|| {
             Error::handle("body", "a body of this world", format!("{handle:?}"), "it was removed, or belongs to another world")
         })
@@ -335,8 +341,8 @@ impl World {
         Ok(forces.sum())
     }
 
-    /// A number that is the same for two worlds exactly when all their poses, velocities, joints and elastic displacements are the same bits, and the slip speeds
-    /// where friction falls with them.
+    /// A number that is the same for two worlds whose poses, velocities, joints and elastic displacements are the same bits, and the slip speeds
+    /// where friction falls with them; and, but for one chance in 2^64, for no others. Targets, loads, and what only starts the next solve (last reactions) are not in it.
     pub fn state_hash(&self) -> u64 {
         let mut hash = Fnv(0xcbf2_9ce4_8422_2325);
         for entry in &self.bodies {
@@ -345,8 +351,9 @@ impl World {
         for pair in &self.pairs {
             pair.slip_speed.iter().for_each(|&v| hash.add(v));
             for side in [&pair.side_a, &pair.side_b, &pair.beyond] {
-                for &c in &side.active {
-                    side.displacement[c as usize].iter().for_each(|&x| hash.add(x));
+                for (c, u) in side.displacement.iter().enumerate().filter(|(_, u)| **u != Vec3::zeros()) {
+                    hash.add(c as Real);
+                    u.iter().for_each(|&x| hash.add(x));
                 }
             }
         }
@@ -358,10 +365,18 @@ impl World {
         self.bodies.push(entry);
         if let Some(index) = self.slots.iter().position(|slot| slot.dense.is_none()) {
             self.slots[index].dense = dense;
-            return BodyHandle { index: index as u32, generation: self.slots[index].generation };
+            return self.body_handle(index, self.slots[index].generation);
         }
         self.slots.push(Slot { generation: 0, dense });
-        BodyHandle { index: self.slots.len() as u32 - 1, generation: 0 }
+        self.body_handle(self.slots.len() - 1, 0)
+    }
+
+    fn body_handle(&self, index: usize, generation: u32) -> BodyHandle {
+        BodyHandle { world: self.number, index: index as u32, generation }
+    }
+
+    pub(crate) fn hand_handle(&self, index: usize) -> HandHandle {
+        HandHandle { world: self.number, index: index as u32 }
     }
 
     fn remove_entry(&mut self, handle: BodyHandle) -> Result<()> {
@@ -377,7 +392,7 @@ impl World {
             pair.b -= u32::from(pair.b > gone);
         }
         // Contacts count bodies by place: those of the last step mean nothing now.
-        self.workspace = Workspace::default();
+        self.workspace.clear();
         for entry in &mut self.bodies {
             if let Some(skin) = &mut entry.skin {
                 skin.clear_displacement();
@@ -388,7 +403,13 @@ impl World {
 
     pub(crate) fn hands_arrived(&mut self) {
         for hand in self.hands.iter_mut().flatten() {
-            if let Some(target) = hand.target.take() {
+            let Some(target) = hand.target.take() else { continue };
+            // A finger that was set aside stays behind; a hand of nothing else has not moved.
+            let moved = |finger: &BodyHandle| {
+                let dense = self.slots[finger.index as usize].dense;
+                dense.is_some_and(|dense| !self.bodies[dense as usize].quarantined)
+            };
+            if hand.fingers.iter().any(moved) {
                 hand.base = target;
             }
         }
@@ -412,11 +433,4 @@ fn make_pool(threads: usize) -> Result<Option<rayon::ThreadPool>> {
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     pool.map(Some).map_err(|error| Error::value("threads", "a number of threads that the system can start", error, "ask for fewer"))
-}
-
-fn check_pose(what: &str, pose: &Pose) -> Result<()> {
-    if pose_is_finite(pose) {
-        return Ok(());
-    }
-    Err(Error::value(what, "a finite position and quaternion", pose, "check what computed the pose"))
 }

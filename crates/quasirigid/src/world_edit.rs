@@ -56,7 +56,7 @@ impl World {
     /// Handles of the hands, in the order in which they were added.
     pub fn hand_handles(&self) -> Vec<HandHandle> {
         let there = self.hands.iter().enumerate().filter(|(_, hand)| hand.is_some());
-        there.map(|(index, _)| HandHandle::of(index)).collect()
+        there.map(|(index, _)| self.hand_handle(index)).collect()
     }
 }
 

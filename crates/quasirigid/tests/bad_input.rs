@@ -298,8 +298,6 @@ fn fingers_and_hands() {
             ("joint positions", &|x| finger().set_joint_positions(&[0.0, x, 0.0, 0.0])),
             ("joint targets", &|x| finger().set_joint_targets(&[0.0, x, 0.0, 0.0])),
             ("velocities of targets", &|x| finger().set_moving_joint_targets(&[0.0; 4], &[0.0, x, 0.0, 0.0])),
-            ("base", &|x| finger().set_base_pose(at(x))),
-            ("base target", &|x| finger().move_base_to(at(x))),
             ("tip goal", &|x| TipGoal::at(Vec3::new(x, 0.0, 0.0)).map(drop)),
             ("tip normal", &|x| TipGoal::facing(Vec3::zeros(), Vec3::new(x, 0.0, 0.0)).map(drop)),
         ],

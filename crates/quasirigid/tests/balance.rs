@@ -242,7 +242,9 @@ fn foretold_against_done(model: ComplianceModel, dt: Real) -> (Real, Real, Real)
             let point_b = |pose: &Pose, u: &[Vec3]| pose.rotation * (local + blend(u)) + pose.translation.vector;
             let apart = |a: &Pose, ua: &[Vec3], b: &Pose, ub: &[Vec3]| point_a(a, ua) - point_b(b, ub);
             assert!((point_a(&a0, &ua0) - contact.point).norm() < 1e-12, "the contact is at its control point");
-            let relative = contact.frame.transpose() * (apart(&a1, &ua1, &b1, &ub1) - apart(&a0, &ua0, &b0, &ub0));
+            // As the pad sees it, which leads: what is remembered is remembered in its axes.
+            let back = a0.rotation * a1.rotation.inverse();
+            let relative = contact.frame.transpose() * (back * apart(&a1, &ua1, &b1, &ub1) - apart(&a0, &ua0, &b0, &ub0));
             worst_gap = worst_gap.max((relative.x + contact.gap - delta.x).abs());
             worst_slip = worst_slip.max((relative.yz() - delta.yz()).norm());
             largest = largest.max((a1.translation.vector - a0.translation.vector).norm());

@@ -1,4 +1,5 @@
-//! Deep penetration: bodies that were put into each other come out on the near side, slowly, with next to no energy; a jump into a body gives no more than it took.
+//! Deep penetration: bodies that were put into each other come out on the near side, no faster than the push-out speed: next to no energy where they overlap by millimetres,
+//! though it may be most of what an overlap of tenths is worth; a jump into a body gives no more than it took.
 
 use quasirigid::body::{Amount, ComplianceModel, MassProperties, Material, Motion, RigidBody};
 use quasirigid::math::{Pose, Real, Rot, Vec3};
@@ -63,11 +64,18 @@ fn overlaps(world: &World, pad: BodyHandle, object: BodyHandle, size: &Vec3) -> 
 }
 
 #[test]
-fn a_fingertip_put_into_a_box_pushes_it_out_of_the_near_side_with_less_than_a_hundredth_of_the_energy_of_the_overlap() {
+fn a_fingertip_put_into_a_box_pushes_it_out_of_the_near_side_with_no_more_energy_than_the_push_out_speed_gives() {
     let speed = Parameters::default().push_out_speed;
-    for (half_space, depth, x) in
-        [(false, 2e-3, 0.0), (false, 3.5e-3, 0.02), (false, 7e-3, 0.0), (false, 7e-3, 0.02), (false, 0.012, 0.0), (true, 7e-3, 0.0)]
-    {
+    for (half_space, depth, x) in [
+        (false, 3e-4, 0.0),
+        (false, 1e-3, 0.0),
+        (false, 2e-3, 0.0),
+        (false, 3.5e-3, 0.02),
+        (false, 7e-3, 0.0),
+        (false, 7e-3, 0.02),
+        (false, 0.012, 0.0),
+        (true, 7e-3, 0.0),
+    ] {
         let what = format!("{} pad, {depth} m deep, {x} m from the middle", if half_space { "half-space" } else { "local" });
         let mut world = world(0.0);
         let size = Vec3::repeat(EDGE);
@@ -89,7 +97,10 @@ fn a_fingertip_put_into_a_box_pushes_it_out_of_the_near_side_with_less_than_a_hu
         }
         let at = world.body(object).unwrap().pose().translation.vector;
         println!("{what}: out after {out_after:?} steps, at most {fastest:.3} m/s and {most:.1e} J, overlap {stored:.1e} J, moved {at:?}");
-        assert!(most < 0.01 * stored.max(5e-3), "{what}: gained {most:e} J, the overlap is worth {stored:e} J");
+        // From 2 mm on that is under a hundredth of what the overlap is worth.
+        let allowed = 1.5 * 0.5 * 0.2 * speed * speed;
+        assert!(most < allowed, "{what}: gained {most:e} J, at the push-out speed it would have {allowed:e} J");
+        assert!(depth < 2e-3 || most < 0.01 * stored, "{what}: gained {most:e} J, the overlap is worth {stored:e} J");
         assert!(fastest < 1.5 * speed, "{what}: thrown out at {fastest} m/s");
         assert!(out_after.is_some() && overlaps(&world, pad, object, &size).is_empty(), "{what}: still inside after a second");
         assert!(at.z < -depth && at.xy().norm() < 0.6 * at.z.abs(), "{what}: pushed to {at:?}");

@@ -12,8 +12,11 @@ fn assert_finite(what: &str, world: &World, report: &StepReport) {
     for entry in world.bodies() {
         let mut finite = true;
         entry.body.state().for_each_number(|x| finite &= x.is_finite());
-        finite &=
-            entry.skin.iter().flat_map(|skin| skin.deformed.iter().chain(&skin.displacement)).all(|u| u.iter().all(|x| x.is_finite()));
+        finite &= entry
+            .skin
+            .iter()
+            .flat_map(|skin| skin.deformed_points().into_iter().chain(skin.displacement.iter().copied()))
+            .all(|u| u.iter().all(|x| x.is_finite()));
         assert!(finite, "{what}: {} at {} s", entry.body.name(), report.time);
     }
     assert!(world.contact_problem().reactions.iter().all(|f| f.iter().all(|x| x.is_finite())), "{what}: reactions at {} s", report.time);

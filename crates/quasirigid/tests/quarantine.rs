@@ -12,7 +12,12 @@ fn is_finite(entry: &BodyEntry) -> bool {
     let mut finite = entry.body.is_finite();
     entry.body.state().for_each_number(|x| finite &= x.is_finite());
     finite &= entry.body.link_pose(entry.skin_link).translation.vector.amax() < 1e3;
-    finite && entry.skin.iter().flat_map(|skin| skin.deformed.iter().chain(&skin.displacement)).all(|u| u.iter().all(|x| x.is_finite()))
+    finite
+        && entry
+            .skin
+            .iter()
+            .flat_map(|skin| skin.deformed_points().into_iter().chain(skin.displacement.iter().copied()))
+            .all(|u| u.iter().all(|x| x.is_finite()))
 }
 
 fn ball(world: &mut World, name: &str, x: Real, y: Real, motion: Motion) -> BodyHandle {
@@ -169,4 +174,18 @@ fn a_pad_taken_away_drops_what_it_held() {
     let height = pinch.world.body(pinch.object).unwrap().pose().translation.z;
     assert!(height < -0.1 && height.is_finite(), "the box is at {height} m");
     assert!(matches!(pinch.normal_forces(), Err(Error::InvalidHandle { .. })));
+}
+
+#[test]
+fn a_hand_whose_fingers_were_set_aside_has_not_moved() {
+    let mut scene =
+        GraspScene::new(&GraspOptions { object_points: (1_500, 200), pad_points: (450, 60), ..GraspOptions::default() }).unwrap();
+    scene.world.step();
+    let base = scene.world.hand(scene.hand).unwrap().base;
+    // A bad packet of a tracker.
+    scene.world.move_hand_to(scene.hand, Pose::translation(150.0, 0.0, 0.0)).unwrap();
+    assert_eq!(scene.world.step().quarantined.len(), 3);
+    let hand = scene.world.hand(scene.hand).unwrap();
+    assert_eq!(hand.base, base);
+    (0..3).for_each(|k| assert_eq!(*scene.world.finger(scene.hand, k).unwrap().base_pose(), base));
 }

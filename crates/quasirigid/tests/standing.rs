@@ -42,9 +42,10 @@ fn normals_of_a_pressed_pad_turn_to_face_the_plate() {
     let skin = entry.skin.as_ref().unwrap();
     let turn = entry.body.link_pose(entry.skin_link).rotation;
     let (deformed, rest) = (skin.deformed_normals(), &skin.surface.normals);
+    let points = skin.deformed_points();
     // The thumb presses on the box's face x = -30 mm, whose outward normal is -x: the pad's flattened part looks along +x.
     let pressed: Vec<usize> = (0..skin.surface.len())
-        .filter(|&k| (turn * skin.deformed[k] + entry.body.link_pose(entry.skin_link).translation.vector).x > -0.03 - 2e-5)
+        .filter(|&k| (turn * points[k] + entry.body.link_pose(entry.skin_link).translation.vector).x > -0.03 - 2e-5)
         .collect();
     assert!(pressed.len() > 50, "only {} points touch", pressed.len());
     let mean_angle =

@@ -18,6 +18,7 @@ from rich.live import Live
 from quasirigid._quasirigid import HandDecoder, Packet, Receiver, Replay, Take, TakeWriter
 from quasirigid.errors import InvalidValueError
 from quasirigid.mocap import PARTS, shipped_take
+from quasirigid.mocap.touch import FloatArray, calibration_from_touches, resting_tip
 
 app = typer.Typer(
     no_args_is_help=True, rich_markup_mode="rich", help="Motion capture: record, replay, inspect and watch what a tracker sends."
@@ -26,7 +27,9 @@ app = typer.Typer(
 CONNECTION = typer.Option(
     "--connection", "-c", metavar="CONNECTION", help="PORT, GROUP:PORT (multicast), HOST:PORT, or HOST:PORT:fw (greets through a firewall)."
 )
-BIND = typer.Option(metavar="ADDRESS", help="Address of this machine to listen on; 127.0.0.1 hears this machine only.")
+BIND = typer.Option(
+    metavar="ADDRESS", help="Address of this machine to listen on; 127.0.0.1 hears this machine only. For a multicast group: the interface."
+)
 SECONDS = typer.Option("--seconds", metavar="SECONDS", help="Stop after so long. Default: until Ctrl-C.")
 JSON = typer.Option("--json", help="Print figures as JSON and nothing else.")
 SHIPPED = "the shipped pinch"
@@ -43,10 +46,10 @@ def _say(text: str) -> None:
 @contextmanager
 def _until_stopped() -> Iterator[None]:
     """Ctrl-C and SIGTERM end what is listened to or sent; they are no failure."""
-    from quasirigid.cli import _terminable
+    from quasirigid.cli_run import terminable
 
     try:
-        with _terminable():
+        with terminable():
             yield
     except KeyboardInterrupt:
         _say("stopped")
@@ -77,6 +80,7 @@ def _load(file: Path | None) -> tuple[str, Take]:
         ("quasirigid mocap record reach.take", "whatever comes to port 5000"),
         ("quasirigid mocap record reach.take -c 192.168.0.7:5000:fw --seconds 30", "half a minute of one controller, through a firewall"),
         ("quasirigid mocap record reach.take -c 225.1.1.1:5000 --append", "a multicast group, behind what is in the file"),
+        ("quasirigid mocap record reach.take --force", "over what is in the file"),
     )
 )
 def record(
@@ -85,19 +89,25 @@ def record(
     bind: Annotated[str, BIND] = "0.0.0.0",
     seconds: Annotated[float | None, SECONDS] = None,
     append: Annotated[bool, typer.Option("--append", help="Go on behind what is in the file.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Record packets with their arrivals."""
+    """Record packets with their arrivals. What is no packet is counted, not recorded."""
+    if append and force:
+        raise InvalidValueError("--force", "no --append", "both", "one replaces the file, the other goes on behind it")
+    if not (append or force) and file.is_file() and file.stat().st_size:
+        raise InvalidValueError(str(file), "a new file", "one that is there", "--append goes on behind it, --force replaces it")
     end = _clock(seconds)
     with _open(connection, bind) as receiver:
         writer = TakeWriter(file, append=append)
-        writer.note(f"recorded {datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC from {connection}")
         count, first = 0, 0.0
         with _until_stopped():
             while time.monotonic() < end:
                 receiver.wait(min(0.2, max(0.0, end - time.monotonic())))
                 for packet in receiver.take():
-                    first = packet.arrival if count == 0 else first
+                    if count == 0:
+                        first = packet.arrival
+                        writer.note(f"recorded {datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC from {connection}")
                     writer.packet(packet.arrival - first, packet.data)
                     count += 1
         statistics = receiver.statistics()
@@ -198,7 +208,8 @@ def monitor(
         host, port = receiver.address
 
         def look() -> tuple[dict[str, Any], Packet | None, list[Any], float]:
-            receiver.take()
+            if not receiver.take():
+                receiver.wait(0.0)  # raises if nothing can come any more
             packet = receiver.latest
             hands = [decoders[side].decode(packet) for side in sorted({side for _, side, _ in packet.hands})] if packet else []
             return receiver.statistics(), packet, hands, receiver.now() - packet.arrival if packet else 0.0
@@ -242,21 +253,27 @@ def calibrate(
 
     The world's origin, a point on its x axis, and a point beside it on the side of +y; all on the plane z = 0, the wider apart the better.
     """
-    from quasirigid.mocap.touch import FloatArray, calibration_from_touches, resting_tip
-
     if finger not in PARTS[:5]:
         raise InvalidValueError("--finger", ", ".join(PARTS[:5]), finger, "index is the default")
     decoder = HandDecoder(hand, bodies=bodies)  # type: ignore[arg-type]  # checked there
     with _open(connection, bind) as receiver:
-        places: list[FloatArray] = []
-        radius = 0.0
+        places, radius = list[FloatArray](), 0.0
         for point in ("the origin of the world", "a point on its x axis", "a point on the side of +y"):
-            _say(f"touch {point} with the {decoder.side} {finger}, keep still, and press Enter")
-            if not sys.stdin.readline():
-                raise InvalidValueError("calibration", "three touches", len(places), "run it in a terminal and press Enter at each point")
-            place, radius = resting_tip(receiver, decoder, finger)
+            place, radius = _touch(point, receiver, decoder, finger, len(places))
             _say("  at " + ", ".join(f"{1e3 * x:.1f}" for x in place) + " mm")
             places.append(place)
     calibration = calibration_from_touches(places[0], places[1], places[2], radius)
     calibration.write(file)
     typer.echo(f"{file}: written")
+
+
+def _touch(point: str, receiver: Receiver, decoder: HandDecoder, finger: str, done: int) -> tuple[FloatArray, float]:
+    """Place (3,) m and radius of a fingertip that somebody keeps on ``point``; asks again where it was not seen or moved."""
+    while True:
+        _say(f"touch {point} with the {decoder.side} {finger}, keep still, and press Enter")
+        if not sys.stdin.readline():
+            raise InvalidValueError("calibration", "three touches", done, "run it in a terminal and press Enter at each point")
+        try:
+            return resting_tip(receiver, decoder, finger)
+        except InvalidValueError as error:
+            _say(f"  {error}; once more")

@@ -65,13 +65,13 @@ class TipCoupling:
     """Pads that are free bodies on springs to the tracked tips. They weigh nothing for the person: their weight is taken off."""
 
     def __init__(self, world: World, targets: HandTargets, pad: Material, springs: Springs | None = None) -> None:
-        """Add a pad of the material ``pad`` to ``world`` for every finger that ``targets`` knows, where it is now.
+        """Add a pad of the material ``pad`` to ``world`` for every finger of ``targets`` that was not lost, where it is now.
 
-        Raises ``InvalidValueError`` if it knows none.
+        Raises ``InvalidValueError`` if there is none.
         """
         self.springs = springs or Springs()
         self.springs.check()
-        self.rows = tuple(row for row in range(PALM) if np.isfinite(targets.positions[row]).all())
+        self.rows = tuple(row for row in range(PALM) if targets.states[row] not in ("absent", "lost"))
         if not self.rows:
             raise InvalidValueError("targets", "at least one finger that was seen", "none", "wait until the tracker sees a finger")
         self.fingers = tuple(PARTS[row] for row in self.rows)

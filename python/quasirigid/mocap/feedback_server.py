@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import logging
-import threading
-from concurrent.futures import Future
 from urllib.parse import urlsplit
 
-from websockets.asyncio.server import ServerConnection, serve
+from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from quasirigid.errors import InvalidValueError, NetworkError
+from quasirigid.errors import InvalidValueError
 from quasirigid.mocap.feedback import RATE, TARGETS, JsonSink, Raster, is_port
 from quasirigid.mocap.look import Look
-from quasirigid.serving import run_server
+from quasirigid.serving import ServerThread, netloc
 from quasirigid.webxr.pages import named_locally
 
 LISTENERS = 32
@@ -40,72 +37,53 @@ class WebsocketFeedback:
         host, _, port = rest.rpartition(":") if ":" in rest else ("127.0.0.1", "", rest)
         if kind != "ws" or not host or not is_port(port):
             raise InvalidValueError("--feedback", TARGETS, text, "ws:9001 serves ws://127.0.0.1:9001")
-        self._host = host
         self._sink = JsonSink()
         self._newest = ""
         self._listeners: dict[ServerConnection, asyncio.Event] = {}
         self.told = 0
         """Looks that were offered to the listeners."""
+        self.failed = 0
+        """Looks that could not be."""
         self.listeners = 0
         """Who has listened so far."""
-        self._loop = asyncio.new_event_loop()
-        self._ended = asyncio.Event()
-        ready: Future[tuple[str, int]] = Future()
-        self._thread = threading.Thread(target=self._run, args=(int(port), ready), name="quasirigid-feedback", daemon=True)
-        self._thread.start()
-        try:
-            self.address = ready.result()
-        except OSError as error:
-            self._thread.join()
-            raise NetworkError(f"port {port} of {host}", "one that is free", error.strerror or str(error), "choose another port") from None
+        self._server = ServerThread(
+            self._talk,
+            host,
+            int(port),
+            name="feedback",
+            process_request=self._answer,
+            max_size=LONGEST,
+            # A listener that takes nothing for half a minute has gone.
+            ping_interval=15.0,
+            ping_timeout=15.0,
+        )
+        self.address = self._server.address
 
     def __call__(self, look: Look) -> None:
         """Tell it if it is time."""
-        if not self._raster.due(look.time) or not self._thread.is_alive():
+        if not self._raster.due(look.time):
             return
-        self._newest = self._sink.encode(look).decode()
+        try:
+            self._newest = self._sink.encode(look).decode()
+        except ValueError:  # a force that is no number cannot be written
+            self.failed += 1
+            return
         self.told += 1
-        self._loop.call_soon_threadsafe(self._wake)
+        self._server.call(self._wake)
 
     def story(self) -> str:
         """What became of it."""
-        return f"{self.told} looks on ws://{self.address[0]}:{self.address[1]}, {self.listeners} listeners"
+        return f"{self.told} looks on ws://{netloc(*self.address)}, {self.listeners} listeners"
 
     def close(self) -> None:
         """End all connections and close the port."""
-        if self._thread.is_alive():
-            self._loop.call_soon_threadsafe(self._ended.set)
-            self._thread.join(timeout=10.0)
+        self._server.close()
 
     # The thread.
 
     def _wake(self) -> None:
         for news in self._listeners.values():
             news.set()
-
-    def _run(self, port: int, ready: Future[tuple[str, int]]) -> None:
-        run_server(self._loop, self._serve(port, ready), ready)
-
-    async def _serve(self, port: int, ready: Future[tuple[str, int]]) -> None:
-        quiet = logging.getLogger("quasirigid.feedback")
-        quiet.setLevel(logging.CRITICAL)  # listeners that go away in the middle of a message are no news
-        async with serve(
-            self._talk,
-            self._host,
-            port,
-            process_request=self._answer,
-            max_size=LONGEST,
-            compression=None,
-            logger=quiet,
-            open_timeout=10.0,
-            close_timeout=1.0,
-            # A listener that takes nothing for half a minute has gone.
-            ping_interval=15.0,
-            ping_timeout=15.0,
-        ) as server:
-            host, bound = server.sockets[0].getsockname()[:2]
-            ready.set_result((str(host), int(bound)))
-            await self._ended.wait()
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """``None`` for who may listen. Programs may, and pages of this machine: not just any page that its user visits."""

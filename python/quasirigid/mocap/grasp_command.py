@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,11 +19,12 @@ from rich.table import Table
 from quasirigid.errors import InvalidValueError
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap import Calibration
-from quasirigid.mocap.feedback import RATE, open_feedback
+from quasirigid.mocap.feedback import RATE, Feedback, check_rate, open_feedback
+from quasirigid.mocap.look import Viewer
 from quasirigid.mocap.options import MocapOptions
 from quasirigid.mocap.session import OBSERVED, MocapResult, run_mocap
 from quasirigid.mocap.springs import Springs
-from quasirigid.mocap.stream import NetworkSource, open_source
+from quasirigid.mocap.stream import NetworkSource, Source, open_source
 from quasirigid.webxr import IDLE, PORT, Placement, XrServer
 from quasirigid.webxr.pages import LOCAL
 
@@ -48,7 +50,7 @@ def grasp_mocap(
     out: Path,
     record: Path | None,
     feedback: Sequence[str] = (),
-    feedback_rate: float = RATE,
+    feedback_rate: float | None = None,
     view: Page | None = None,
     as_json: bool,
 ) -> None:
@@ -57,9 +59,13 @@ def grasp_mocap(
     patience = idle if idle is not None else IDLE if kind == "webxr" else mocap.idle
     mocap = replace(mocap, calibration=None if calibration is None else Calibration.read(calibration), idle=patience)
     mocap.check()
-    sinks = [open_feedback(text, rate=feedback_rate) for text in feedback]
-    observed = max(OBSERVED, feedback_rate)
-    try:
+    rate = _feedback_rate(feedback_rate, options.dt, feedback)
+    observed = max(OBSERVED, rate) if feedback else OBSERVED
+    sinks: list[Feedback] = []
+    with ExitStack() as opened:
+        for text in feedback:
+            sinks.append(open_feedback(text, rate=rate))
+            opened.callback(sinks[-1].close)
         if kind == "webxr":
             if calibration is not None or mocap.bodies is not None:
                 wrong = "--calibration" if mocap.bodies is None else "--bodies"
@@ -70,34 +76,42 @@ def grasp_mocap(
                 raise InvalidValueError(
                     "--view", "no --mocap webxr", "both", "the page for the headset shows the scene, open it on this machine, too"
                 )
-            with _open_page(port, bind or "127.0.0.1", mocap.side, place, certificate, key) as headset:
-                result = run_mocap(
-                    options, mocap, headset, out, record=record, observers=sinks, observed=observed, viewer=headset, told=_say
-                )
+            headset = opened.enter_context(_open_page(port, bind or "127.0.0.1", mocap.side, place, certificate, key))
+            stream: Source = headset
+            viewer: Viewer | None = headset
         else:
             for name, value in (("--place", place), ("--certificate", certificate), ("--key", key)):
                 if value is not None:
                     raise InvalidValueError(name, "--mocap webxr", source, "leave it out: it is about the page for a headset")
             stream = open_source(source, bind=bind or "0.0.0.0", watched=view is not None)
-            page = None if view is None else _open_view(view)
-            try:
-                if isinstance(stream, NetworkSource):
-                    host, udp = stream.address
-                    _say(f"listening on UDP {host}:{udp}; Ctrl-C ends it")
-                result = run_mocap(options, mocap, stream, out, record=record, observers=sinks, observed=observed, viewer=page, told=_say)
-            finally:
-                stream.close()
-                if page is not None:
-                    page.close()
-    finally:
-        for sink in sinks:
-            sink.close()
+            opened.callback(stream.close)
+            viewer = None
+            if view is not None:
+                viewer = page = _open_view(view)
+                opened.callback(page.close)
+            if isinstance(stream, NetworkSource):
+                host, udp = stream.address
+                _say(f"listening on UDP {host}:{udp}; Ctrl-C ends it")
+        result = run_mocap(options, mocap, stream, out, record=record, observers=sinks, observed=observed, viewer=viewer, told=_say)
     for sink in sinks:
         _say(f"feedback: {sink.story()}")
     if as_json:
         typer.echo(json.dumps(result.summary, indent=2, allow_nan=False))
     else:
         Console().print(_panel(result))
+
+
+def _feedback_rate(asked: float | None, dt: float, feedback: Sequence[str]) -> float:
+    """Looks per second that are sent. Raises ``InvalidValueError`` for a rate that no target asks for, or that the steps do not give."""
+    if asked is None:
+        return RATE
+    if not feedback:
+        raise InvalidValueError("--feedback-rate", "--feedback beside it", "none", "it is about feedback: add --feedback, or leave it out")
+    check_rate(asked)
+    if asked * dt > 1.0 + 1e-9:
+        hint = "ask for less, or make the steps shorter with --dt"
+        raise InvalidValueError("--feedback-rate", f"at most one look per step, {1.0 / dt:g} Hz", f"{asked:g} Hz", hint)
+    return asked
 
 
 def coupled(
@@ -196,7 +210,7 @@ def _panel(result: MocapResult) -> Panel:
         "[bold green]held[/bold green]" if s["held"] else "[bold red]dropped[/bold red]" if s["dropped"] else "[bold]not lifted[/bold]"
     )
     if not s["fingers"]:
-        of = "thumb, index, middle finger and palm" if s["coupling"] == "hand" else "a finger"
+        of = "thumb, index, middle finger and palm" if s["coupling"] == "hand" else "thumb and fingers"
         notes.append(f"[yellow]note[/yellow] the session begins when the tracker sees {of}; `quasirigid mocap monitor` shows what comes")
     where = f"[dim]summary{'' if result.recording is None else ' and recording'} in[/dim] {escape(str(result.summary_file.parent))}"
     colour = "green" if s["held"] else "red" if s["dropped"] else "yellow"

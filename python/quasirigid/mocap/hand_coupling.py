@@ -8,7 +8,7 @@ import numpy.typing as npt
 from quasirigid._quasirigid import Body, Hand, HandModel, HandTargets, Material, World
 from quasirigid.errors import InvalidValueError
 from quasirigid.mocap.coupling import PAD_CONTROL_POINTS, PAD_POINTS, PALM, pad_places
-from quasirigid.mocap.springs import FASTEST, Offset, fading
+from quasirigid.mocap.springs import FASTEST, OFFSET_GONE, Offset, fading
 from quasirigid.mocap.turns import matrix, product, quaternion, rotation_vector
 from quasirigid.summary import conjugate
 
@@ -28,18 +28,23 @@ class Base:
         """``place`` (3,) m and ``turn`` (4,): where it begins, world."""
         self.place, self.turn = place, turn
         self._weight = 1.0
+        self._there = True
         self._away: FloatArray = np.zeros(6)
-        """From where it should be to where it is: m, and rotation vector, world."""
+        """From where it should be to where it is, unless it is there: m, and rotation vector, world."""
 
     def follow(self, place: FloatArray, turn: FloatArray, weight: float, dt: float) -> None:
         """Go on for ``dt`` s; it should be at ``place`` and ``turn``, of which ``weight`` is to be believed."""
         if weight > 0.0:
             if self._weight == 0.0:
                 self._away = np.concatenate([self.place - place, rotation_vector(product(self.turn, conjugate(turn)))])
-            elif self._away.any():
+                self._there = False
+            elif not self._there:
                 self._away[:3] += dt * fading(self._away[:3], FASTEST[0])
                 self._away[3:] += dt * fading(self._away[3:], FASTEST[1])
-            self.place, self.turn = place + self._away[:3], product(quaternion(self._away[3:]), turn)
+                self._there = bool(np.abs(self._away).max() < OFFSET_GONE)
+            self.place, self.turn = place, turn
+            if not self._there:
+                self.place, self.turn = place + self._away[:3], product(quaternion(self._away[3:]), turn)
         self._weight = weight
 
 

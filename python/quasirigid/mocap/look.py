@@ -9,7 +9,8 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from quasirigid.view.scene import SceneModel, SceneState
+from quasirigid.view.pressure import SLIP
+from quasirigid.view.scene import ContactsState, SceneModel, SceneState
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -30,6 +31,16 @@ class Look:
     slipping: FloatArray
     """(fingers,) 0 to 1: share of the pressing force whose contacts slip."""
     phase: str
+    hand: int = 0
+    """Number of the tracked hand in its source; 0 where it has none."""
+
+
+def press_and_slip(contacts: ContactsState, body: int) -> tuple[float, float]:
+    """Sum of the normal reactions at the contacts of a body of the scene, N, and the share of it whose contacts slip."""
+    mine = (contacts.body_a == body) | (contacts.body_b == body)
+    press = contacts.reactions[mine, 0]
+    total = float(press.sum())
+    return total, float(press[contacts.status[mine] == SLIP].sum()) / total if total > 0.0 else 0.0
 
 
 Observer = Callable[[Look], None]

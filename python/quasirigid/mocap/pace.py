@@ -17,6 +17,8 @@ SLACK = 0.05
 """A step that comes this late is simply made up for, s."""
 CATCH_UP = 0.2
 """Later than that the hand is shown faster, so that it does not stay behind: twice as fast when it is so much later, s."""
+MISSED = 1e-3
+"""A packet that came so long (s) before a step began ought to be used by it."""
 SUSPENDED = 2.0
 """So far behind, the program was stopped: it goes on from now, s."""
 SWITCH = 1e-4
@@ -27,21 +29,25 @@ SWITCH = 1e-4
 def undisturbed() -> Iterator[None]:
     """A loop that keeps up with the clock: other threads give way soon, and the garbage collector does not go through what was there before."""
     interval = sys.getswitchinterval()
+    ours = gc.get_freeze_count() == 0  # what the program around us has frozen is not ours to thaw
     gc.collect()
-    gc.freeze()
+    if ours:
+        gc.freeze()
     sys.setswitchinterval(min(SWITCH, interval))
     try:
         yield
     finally:
         sys.setswitchinterval(interval)
-        gc.unfreeze()
+        if ours:
+            gc.unfreeze()
 
 
 class Pace:
     """When each step is due, and for which moment it asks where the hand is.
 
     On a computer that is too slow simulated time falls behind the clock on the wall. The hand must not: its motion is then run through faster (and its
-    velocity with it), smoothly, never in jumps. It is shown at most some tenths of a second late.
+    velocity with it), and is shown at most some tenths of a second late. The moments that are asked for do not jump, but for one case: a program that was
+    stopped for more than ``SUSPENDED`` goes on from now, and it is for the filter to let the hand glide there (``HandTracker.sample``).
     """
 
     def __init__(self, source: Source, dt: float) -> None:
@@ -54,6 +60,9 @@ class Pace:
         """How late each step began, s."""
         self.waits: list[float] = []
         """From the arrival of each packet to the first step for a moment after it, s."""
+        self.passed_over = 0
+        """Packets that had come well before a step, ``MISSED``, and were used by a later one only: none, unless something is wrong."""
+        self._began = float("-inf")
         self.slipped = 0.0
         """By how much simulated time fell behind the clock, s."""
 
@@ -74,7 +83,10 @@ class Pace:
         """The step begins now, and these packets have come since the last one."""
         now = self._source.now()
         self.lateness.append(now - self._due)
-        self._pending.extend(arrivals)
+        new = list(arrivals)
+        self.passed_over += sum(arrival < self._began - MISSED for arrival in new)
+        self._began = now
+        self._pending.extend(new)
         while self._pending and self._pending[0] <= self._due:
             self.waits.append(now - self._pending.popleft())
 
@@ -82,6 +94,7 @@ class Pace:
         """Figures for ``summary.json``."""
         return {
             "packet_to_step_ms": _spread(self.waits),
+            "passed_over": self.passed_over,
             "step_lateness_ms": _spread(self.lateness),
             "slipped_s": self.slipped,
         }

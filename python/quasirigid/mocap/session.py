@@ -7,6 +7,7 @@ become of the object (``OBSERVED`` times a second): the recording, the outcome, 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -15,19 +16,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from quasirigid._quasirigid import HandDecoder, HandFrame, HandTargets, HandTracker, Material, StepReport, Surface, __version__
-from quasirigid.errors import InvalidValueError
+from quasirigid._quasirigid import HandDecoder, HandFrame, HandTargets, HandTracker, Material, Packet, StepReport, Surface, __version__
+from quasirigid.errors import InvalidValueError, NetworkError
 from quasirigid.grasp import GRAVITY, Stage
 from quasirigid.grasp_columns import contact_sums
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap import PARTS
 from quasirigid.mocap.coupling import PALM, Coupling, TipCoupling, pad_places
 from quasirigid.mocap.hand_coupling import HandCoupling
-from quasirigid.mocap.look import Look, Observer, Viewer
+from quasirigid.mocap.look import Look, Observer, Viewer, press_and_slip
 from quasirigid.mocap.losses import Losses
 from quasirigid.mocap.options import MocapOptions
 from quasirigid.mocap.outcome import Outcome
 from quasirigid.mocap.pace import Pace, undisturbed
+from quasirigid.mocap.sighting import LATECOMERS, Sighting
 from quasirigid.mocap.stream import Source
 from quasirigid.recording import Column
 from quasirigid.scene_recording import SceneRecorder
@@ -40,11 +42,7 @@ OBSERVED = 100.0
 """Times per second of simulated time that the session is looked at: recording, outcome, feedback."""
 DEFORMATION_RATE = 20.0
 """Times per second that the surfaces are recorded."""
-SETTLE = 0.2
-"""How long the hand is watched before the session begins, s: by then the filter knows the stream."""
 WAITING = "waiting for the hand"
-LATECOMERS = 2.0
-"""Fingers that are not seen so long after the first are left out, s."""
 
 
 class MocapSession:
@@ -71,7 +69,10 @@ class MocapSession:
         """Of the tracked hand: a file that says which bodies are on the fingers says this, too."""
         self._tracker = HandTracker(self.side, calibration=mocap.calibration, delay=mocap.delay, hold=mocap.hold, fade=mocap.fade)
         self._last_arrival = source.now()
-        self._every = max(1, round(1.0 / (observed * options.dt)))
+        self._every = look_every(observed, options.dt)
+        self._sighting = Sighting(mocap.coupling)
+        self._newest: Packet | HandFrame | None = None
+        self._hand_number = 0
         self.coupling: Coupling | None = None
         self.pace: Pace | None = None
         self.outcome: Outcome | None = None
@@ -93,10 +94,12 @@ class MocapSession:
         """Give the filter what has come. Returns the arrivals, s."""
         arrivals = []
         for packet in self.source.take():
-            self._last_arrival = packet.arrival
+            self._last_arrival, self._newest = packet.arrival, packet
             frame = packet if isinstance(packet, HandFrame) else self._decoder.decode(packet)
             if frame is not None:
                 self._tracker.push(frame)
+                if self.coupling is None:
+                    self._sighting.saw(frame)
                 arrivals.append(packet.arrival)
         return arrivals
 
@@ -104,28 +107,36 @@ class MocapSession:
         """Whether the stream has ended: nothing for ``idle`` s."""
         return self.source.now() - self._last_arrival > self.mocap.idle
 
-    def wait_for_hand(self) -> bool:
-        """Wait until the tracker sees the hand, and couple it. False if the source ended before."""
-        seen_at: float | None = None
+    def wait_for_hand(self, told: Callable[[str], None] | None = None) -> bool:
+        """Wait until the tracker sees the fingers that are to be coupled, all at the same time, and couple them. False if the source ended before.
+
+        ``told`` is called with who is missing, if that lasts.
+        """
+        missing: tuple[str, ...] = ()
+        since = math.inf
         while True:
             self._listen()
             now = self.source.now()
             targets = self._tracker.sample(now)
             if self.viewer is not None and self.viewer.wants_state():
                 self.viewer.draw(replace(self.scene.state(phase=WAITING), tracked=None if targets is None else self._tracked(targets)))
-            if targets is not None:
-                seen = _seen(targets)
-                seen_at = now if seen_at is None and seen.any() else seen_at
-                wanted = seen[[0, 1, 2, PALM]] if self.mocap.coupling == "hand" else seen[:3]
-                enough = wanted.all() or (
-                    self.mocap.coupling == "tips" and seen_at is not None and now - seen_at > LATECOMERS and seen[:5].any()
-                )
-                if enough and seen_at is not None and now - seen_at > SETTLE:
-                    self._couple(targets)
-                    return True
+            if targets is not None and self._sighting.enough(now):
+                self._couple(targets)
+                return True
             if self.source.ended():
                 return False
+            lacking = self._sighting.missing(now)
+            if lacking != missing:
+                missing, since = lacking, now
+            elif told is not None and missing and now - since > LATECOMERS and self._sighting.live(now).any():
+                told(f"still waiting: the tracker does not see {' and '.join(missing)}")
+                since = math.inf
             self.source.wait_until(now + 0.005)
+
+    def left_out(self) -> tuple[str, ...]:
+        """Fingers that the session did not wait for any longer, and that have no pad in it."""
+        assert self.coupling is not None
+        return tuple(PARTS[row] for row in self._sighting.wanted if row != PALM and row not in self.coupling.rows)
 
     def _couple(self, targets: HandTargets) -> None:
         pad, side = self.stage.pad, self.side
@@ -181,7 +192,7 @@ class MocapSession:
         assert self.coupling is not None
         assert self.outcome is not None
         shown = self.viewer is not None and self.viewer.wants_state()
-        wants = recorder is not None and recorder.wants_deformation
+        wants = recorder is not None and recorder.wants_deformation(self.world.time)
         state = self.scene.state(report, self.outcome.phase, moved=wants or shown)
         if self.viewer is not None and shown:
             self.viewer.draw(replace(state, tracked=self._tracked(targets)))
@@ -201,11 +212,26 @@ class MocapSession:
                 rows=self.coupling.rows,
                 force=-sums["hand/force_on_object"],
                 pressing=sums["hand/normal_force"],
-                slipping=_slipping(state, self._finger_of, len(self.coupling.fingers)),
+                slipping=self._slipping(state),
                 phase=self.outcome.phase,
+                hand=self._number(),
             )
             for observer in self.observers:
                 observer(look)
+
+    def _slipping(self, state: SceneState) -> FloatArray:
+        assert self.coupling is not None
+        shares: FloatArray = np.zeros(len(self.coupling.fingers))
+        for place, finger in self._finger_of.items():
+            shares[finger] = press_and_slip(state.contacts, place)[1]
+        return shares
+
+    def _number(self) -> int:
+        """Number of the tracked hand in its source, as last seen."""
+        if isinstance(self._newest, Packet):
+            mine = (number for number, side, _ in self._newest.hands if side == self.side)
+            self._hand_number = min(mine, default=self._hand_number)
+        return self._hand_number
 
     def recorder(self, path: Path) -> SceneRecorder:
         """A recorder for ``run``, which writes to ``path``."""
@@ -230,9 +256,8 @@ class MocapSession:
             "friction": self.stage.friction,
             "coupling": self.mocap.coupling,
         }
-        # The recorder counts rows, of which there are fewer than steps.
-        rate = min(DEFORMATION_RATE * self._every, 1.0 / self.options.dt)
-        return SceneRecorder(path, self.scene.model, (joints[0], joints[1]), columns=own, attributes=attributes, deformation_rate=rate)
+        shape = joints[0], joints[1]
+        return SceneRecorder(path, self.scene.model, shape, columns=own, attributes=attributes, deformation_rate=DEFORMATION_RATE)
 
     def summary(self) -> dict[str, Any]:
         """Every figure of the session."""
@@ -261,9 +286,9 @@ class MocapSession:
         }
 
 
-def _seen(targets: HandTargets) -> npt.NDArray[np.bool_]:
-    """Which rows were ever seen, (6,)."""
-    return np.asarray(np.isfinite(targets.positions).all(axis=1))
+def look_every(rate: float, dt: float) -> int:
+    """After how many steps a session is looked at, so that it is at least ``rate`` times per second, or in every step."""
+    return max(1, math.floor(1.0 / (rate * dt) + 1e-6))
 
 
 def _guide(targets: HandTargets, rows: list[int]) -> FloatArray:
@@ -280,18 +305,6 @@ def _between(state: SceneState, a: int, b: int) -> float:
     c = state.contacts
     both = ((c.body_a == a) & (c.body_b == b)) | ((c.body_a == b) & (c.body_b == a))
     return float(c.reactions[both, 0].sum())
-
-
-def _slipping(state: SceneState, finger_of: dict[int, int], fingers: int) -> FloatArray:
-    """Share of each finger's pressing force whose contacts slip, (fingers,)."""
-    c = state.contacts
-    shares: FloatArray = np.zeros(fingers)
-    for place, finger in finger_of.items():
-        mine = (c.body_a == place) | (c.body_b == place)
-        press = c.reactions[mine, 0]
-        total = float(press.sum())
-        shares[finger] = float(press[c.status[mine] == 2].sum()) / total if total > 0.0 else 0.0
-    return shares
 
 
 @dataclass(frozen=True)
@@ -317,7 +330,8 @@ def run_mocap(
 ) -> MocapResult:
     """Run a session until its stream has ended or Ctrl-C, and leave ``summary.json`` and ``recording.h5`` in the directory ``out``.
 
-    ``observers`` are called with what is seen ``observed`` times per second of simulated time, ``told`` with what goes on. Raises the errors of ``quasirigid.errors``.
+    ``observers`` are called with what is seen ``observed`` times per second of simulated time, ``told`` with what goes on.
+    Raises the errors of ``quasirigid.errors``; a ``NetworkError`` of a tracker that cannot be heard any more after the files were written.
     """
     session = MocapSession(options, mocap, source, viewer, observed=observed)
     session.observers += observers
@@ -325,17 +339,24 @@ def run_mocap(
     path: Path | None = None
     say = told or (lambda _: None)
     interrupted = False
+    failure: NetworkError | None = None
     try:
         say("waiting for the hand")
-        if session.wait_for_hand():
+        if session.wait_for_hand(say):
             assert session.coupling is not None
-            say(f"the hand is there: {', '.join(session.coupling.fingers)}")
+            without = session.left_out()
+            said = f"; not seen, and without a pad: {', '.join(without)}" if without else ""
+            say(f"the hand is there: {', '.join(session.coupling.fingers)}{said}")
             path = out / "recording.h5" if record is None else record
             with session.recorder(path) as recorder:
                 session.run(recorder)
     except KeyboardInterrupt:
         interrupted = True  # a way to end it
-    summary = {**session.summary(), "interrupted": interrupted}
+    except NetworkError as error:
+        failure = error  # what was recorded so far is kept
+    summary = {**session.summary(), "interrupted": interrupted, "failure": None if failure is None else str(failure)}
     file = out / "summary.json"
     file.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n")
+    if failure is not None:
+        raise failure
     return MocapResult(summary, file, path)

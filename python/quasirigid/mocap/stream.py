@@ -74,8 +74,11 @@ class NetworkSource:
         sleep_until(self._receiver.now, moment)
 
     def take(self) -> Sequence[Packet]:
-        """What has arrived since the last call."""
-        return self._receiver.take()
+        """What has arrived since the last call. Raises ``NetworkError`` if nothing can arrive any more."""
+        packets = self._receiver.take()
+        if not packets:
+            self._receiver.wait(0.0)  # it is this that raises
+        return packets
 
     def ended(self) -> bool:
         """Never for certain."""

@@ -43,19 +43,28 @@ def matrix(q: FloatArray) -> FloatArray:
 
 def product(a: FloatArray, b: FloatArray) -> FloatArray:
     """Quaternion product."""
-    w, v, u, s = a[0], a[1:], b[1:], b[0]
-    return np.concatenate([[w * s - v @ u], w * u + s * v + np.cross(v, u)])
+    (w, x, y, z), (s, i, j, k) = a.tolist(), b.tolist()
+    return np.array(
+        [
+            w * s - x * i - y * j - z * k,
+            w * i + s * x + y * k - z * j,
+            w * j + s * y + z * i - x * k,
+            w * k + s * z + x * j - y * i,
+        ]
+    )
 
 
 def rotation_vector(q: FloatArray) -> FloatArray:
     """Rotation vector of a unit quaternion, angle at most pi."""
-    q = q if q[0] >= 0.0 else -q
-    sine = float(np.linalg.norm(q[1:]))
-    return 2.0 * q[1:] if sine < 1e-9 else q[1:] * (2.0 * math.atan2(sine, float(q[0])) / sine)
+    w, x, y, z = q.tolist()
+    sine = math.copysign(math.hypot(x, y, z), w)
+    share = math.copysign(2.0, w) if abs(sine) < 1e-9 else 2.0 * math.atan2(abs(sine), abs(w)) / sine
+    return np.array([share * x, share * y, share * z])
 
 
 def quaternion(vector: FloatArray) -> FloatArray:
     """The inverse of ``rotation_vector``."""
-    angle = float(np.linalg.norm(vector))
+    x, y, z = vector.tolist()
+    angle = math.hypot(x, y, z)
     share = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
-    return np.concatenate([[math.cos(0.5 * angle)], share * vector])
+    return np.array([math.cos(0.5 * angle), share * x, share * y, share * z])

@@ -135,7 +135,7 @@ def load_object(
 
     file = Path(path)
     raw = read_file(file)
-    raw = _scaled(raw, scale, size, str(file))
+    raw = _scaled(raw, scale, size, file.name)
     rng = np.random.default_rng(int(seed))
     density_used = DEFAULT_DENSITY if density is None else float(density)
     geometry = (_from_cloud if raw.faces is None else _from_mesh)(raw, file, count, density_used, rng)
@@ -161,7 +161,7 @@ def _check_count(points: object) -> int:
 
 
 def _scaled(raw: RawGeometry, scale: float | None, size: float | None, what: str) -> RawGeometry:
-    used = raw.vertices if raw.faces is None else raw.vertices[np.unique(raw.faces)]
+    used = raw.vertices if raw.faces is None else raw.vertices[np.unique(_faces_with_corners(raw.faces))]
     extent = float(np.ptp(used, axis=0).max())
     if extent == 0.0:
         raise DegenerateSurfaceError(what, "points that span a volume", "all points in one place", "export the object again")
@@ -178,6 +178,12 @@ def _scaled(raw: RawGeometry, scale: float | None, size: float | None, what: str
     return RawGeometry(raw.vertices * factor, raw.faces, raw.normals, raw.warnings)
 
 
+def _faces_with_corners(faces: IntArray) -> IntArray:
+    """Those with three different corners: others are dropped later, and must not count for the size. All if there are none of these."""
+    good: IntArray = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    return good if len(good) else faces
+
+
 def _scale_hint(extent: float, scale: float | None) -> str:
     if scale is not None and SMALLEST <= extent <= LARGEST:
         return f"the file's own figures fit: leave out scale={scale:g}"
@@ -190,8 +196,8 @@ def _scale_hint(extent: float, scale: float | None) -> str:
 
 def _from_mesh(raw: RawGeometry, file: Path, count: int, density: float, rng: np.random.Generator) -> ObjectGeometry:
     assert raw.faces is not None
-    mesh = clean_mesh(raw.vertices, raw.faces, str(file))
-    solid, source, notes = _solid(mesh, str(file))
+    mesh = clean_mesh(raw.vertices, raw.faces, file.name)
+    solid, source, notes = _solid(mesh, file.name)
     points, face, barycentric = sample_mesh(mesh.vertices, mesh.faces, count, rng)
     corners = mesh.vertices[mesh.faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -247,8 +253,8 @@ def _from_cloud(raw: RawGeometry, file: Path, count: int, density: float, rng: n
         normals_given = None if normals_given is None else normals_given[first]
     if len(points) < MIN_POINTS:
         hint = "a surface needs more points, or faces to sample"
-        raise DegenerateSurfaceError(str(file), f"at least {MIN_POINTS} different points", f"{len(points)}", hint)
-    solid = solid_of_hull(points, str(file))
+        raise DegenerateSurfaceError(file.name, f"at least {MIN_POINTS} different points", f"{len(points)}", hint)
+    solid = solid_of_hull(points, file.name)
     normals = None if normals_given is None else _unit_normals(points, normals_given, solid.centre, notes)
     extents = np.ptp(points, axis=0)
     if len(points) > count:

@@ -43,7 +43,8 @@ class RawGeometry:
 def read_file(path: str | os.PathLike[str]) -> RawGeometry:
     """Reads a mesh or a point cloud, chosen by the file's extension.
 
-    Scenes of several meshes are concatenated, with their transforms applied. A scene that holds faces and loose points keeps the faces.
+    Scenes of several meshes are concatenated, with their transforms applied. A scene that holds faces and loose points keeps the faces. What is wrong
+    with the content is said with the file's name alone: of an upload the rest of the path means nothing to whoever made it.
 
     Raises:
         ObjectFileError: missing file, directory, unknown extension, unreadable or empty file.
@@ -58,7 +59,7 @@ def read_file(path: str | os.PathLike[str]) -> RawGeometry:
     extension = file.suffix.lower()
     if extension not in FORMATS:
         got = f"extension {file.suffix!r}" if file.suffix else "no extension"
-        raise ObjectFileError(f"object file {file}", f"one of {', '.join(FORMATS)}", got, "convert the file to one of these formats")
+        raise ObjectFileError(f"object file {file.name}", f"one of {', '.join(FORMATS)}", got, "convert the file to one of these formats")
     try:
         size = file.stat().st_size
         with file.open("rb"):
@@ -68,7 +69,7 @@ def read_file(path: str | os.PathLike[str]) -> RawGeometry:
             f"object file {file}", "a readable file", error.strerror or error, "check the permissions of the file"
         ) from error
     if size == 0:
-        raise ObjectFileError(f"object file {file}", "a mesh or points", "an empty file (0 bytes)", EXPORT_HINT)
+        raise ObjectFileError(f"object file {file.name}", "a mesh or points", "an empty file (0 bytes)", EXPORT_HINT)
 
     if extension == ".npy":
         raw = _read_npy(file)
@@ -77,7 +78,7 @@ def read_file(path: str | os.PathLike[str]) -> RawGeometry:
     else:
         raw = _read_mesh(file)
     if len(raw.vertices) == 0:
-        raise ObjectFileError(f"object file {file}", "faces or points", "neither", EXPORT_HINT)
+        raise ObjectFileError(f"object file {file.name}", "faces or points", "neither", EXPORT_HINT)
     _check_finite_vertices(file, raw.vertices)
     return raw
 
@@ -86,7 +87,7 @@ def _check_finite_vertices(file: Path, vertices: Array) -> None:
     bad = ~np.isfinite(vertices).all(axis=1)
     if bad.any():
         raise InvalidValueError(
-            f"vertices of {file}",
+            f"vertices of {file.name}",
             "finite coordinates only",
             f"{int(bad.sum())} of {len(vertices)} vertices with NaN or infinity, the first at position {int(np.argmax(bad))}",
             "remove or repair these vertices",
@@ -99,7 +100,7 @@ def _read_mesh(file: Path) -> RawGeometry:
         items = [(scene.graph[node], scene.geometry) for node in scene.graph.nodes_geometry]
     except Exception as error:  # the format readers raise whatever they stumble on: IndexError, struct.error, KeyError ...
         got = f"{type(error).__name__}: {error}"
-        raise ObjectFileError(f"object file {file}", f"a readable {file.suffix} file", got, EXPORT_HINT) from error
+        raise ObjectFileError(f"object file {file.name}", f"a readable {file.suffix} file", got, EXPORT_HINT) from error
 
     vertices: list[Array] = []
     faces: list[IntArray] = []
@@ -120,7 +121,7 @@ def _read_mesh(file: Path) -> RawGeometry:
             triangles = np.asarray(triangles, dtype=np.int64)
             if triangles.min() < 0 or triangles.max() >= len(points):
                 got = f"vertex number {int(triangles.max() if triangles.max() >= len(points) else triangles.min())}"
-                raise ObjectFileError(f"faces of {file}", f"vertex numbers below {len(points)}", got, EXPORT_HINT)
+                raise ObjectFileError(f"faces of {file.name}", f"vertex numbers below {len(points)}", got, EXPORT_HINT)
             if np.linalg.det(matrix[:3, :3]) < 0.0:  # a mirror turns every triangle inside out
                 triangles = triangles[:, ::-1]
             vertices.append(points)
@@ -136,7 +137,7 @@ def _read_mesh(file: Path) -> RawGeometry:
         all_normals = [normals for _, normals in clouds if normals is not None]
         normals = np.concatenate(all_normals) if len(all_normals) == len(clouds) == 1 else None
         return RawGeometry(np.concatenate([points for points, _ in clouds]), None, normals)
-    raise ObjectFileError(f"object file {file}", "faces or points", "neither", EXPORT_HINT)
+    raise ObjectFileError(f"object file {file.name}", "faces or points", "neither", EXPORT_HINT)
 
 
 def _stored_normals(cloud: Any, count: int) -> Array | None:
@@ -156,7 +157,9 @@ def _read_npy(file: Path) -> RawGeometry:
         table = np.asarray(table, dtype=np.float64)
     except Exception as error:  # ValueError, EOFError, SyntaxError of a broken header ...
         got = f"{type(error).__name__}: {error}"
-        raise ObjectFileError(f"object file {file}", "one array of numbers in NumPy's format", got, "save it with numpy.save") from error
+        raise ObjectFileError(
+            f"object file {file.name}", "one array of numbers in NumPy's format", got, "save it with numpy.save"
+        ) from error
     return _from_table(file, table)
 
 
@@ -164,7 +167,7 @@ def _read_xyz(file: Path) -> RawGeometry:
     try:
         text = file.read_text(encoding="utf-8", errors="strict")
     except (OSError, UnicodeDecodeError) as error:
-        raise ObjectFileError(f"object file {file}", "a text file", f"{type(error).__name__}: {error}", EXPORT_HINT) from error
+        raise ObjectFileError(f"object file {file.name}", "a text file", f"{type(error).__name__}: {error}", EXPORT_HINT) from error
     rows: list[list[float]] = []
     for number, line in enumerate(text.replace(",", " ").replace(";", " ").splitlines(), start=1):
         fields = line.split("#", 1)[0].split("//", 1)[0].split()
@@ -176,22 +179,22 @@ def _read_xyz(file: Path) -> RawGeometry:
             if not rows:  # a line of column names
                 continue
             got = f"{line.strip()[:60]!r} in line {number}"
-            raise ObjectFileError(f"object file {file}", "numbers", got, "mark comments with #") from error
+            raise ObjectFileError(f"object file {file.name}", "numbers", got, "mark comments with #") from error
         if not rows and len(row) == 1:  # some programs write the number of points first
             continue
         if rows and len(row) != len(rows[0]):
             expected = f"{len(rows[0])} columns, as in the lines before"
-            raise InvalidShapeError(f"object file {file}", expected, f"{len(row)} in line {number}", "repair that line")
+            raise InvalidShapeError(f"object file {file.name}", expected, f"{len(row)} in line {number}", "repair that line")
         rows.append(row)
     if not rows:
-        raise ObjectFileError(f"object file {file}", "lines of x y z [nx ny nz]", "no line of numbers", EXPORT_HINT)
+        raise ObjectFileError(f"object file {file.name}", "lines of x y z [nx ny nz]", "no line of numbers", EXPORT_HINT)
     return _from_table(file, np.asarray(rows, dtype=np.float64))
 
 
 def _from_table(file: Path, table: Array) -> RawGeometry:
     if table.ndim != 2 or table.shape[1] not in (3, 6):
         hint = "columns are x y z, or x y z nx ny nz"
-        raise InvalidShapeError(f"points of {file}", "a table of shape (n, 3) or (n, 6)", f"shape {table.shape}", hint)
+        raise InvalidShapeError(f"points of {file.name}", "a table of shape (n, 3) or (n, 6)", f"shape {table.shape}", hint)
     points = np.ascontiguousarray(table[:, :3])
     if table.shape[1] == 3:
         return RawGeometry(points, None, None)

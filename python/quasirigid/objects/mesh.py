@@ -10,6 +10,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from quasirigid.errors import DegenerateSurfaceError
 
@@ -68,6 +69,7 @@ def clean_mesh(vertices: Array, faces: IntArray, what: str) -> CleanMesh:
     notes: list[str] = []
     vertices, faces = _weld(vertices, faces)
     faces = _drop_useless_faces(faces, notes)
+    vertices, faces = _used(vertices, faces)  # corners of dropped faces alone are no part of the object
     area = 0.5 * float(np.linalg.norm(_crosses(vertices, faces), axis=1).sum()) if len(faces) else 0.0
     extent = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
     if not area > 1e-12 * extent**2 or extent == 0.0:
@@ -147,18 +149,27 @@ def _crosses(vertices: Array, faces: IntArray) -> Array:
 
 
 def _weld(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
-    used, compact = np.unique(faces, return_inverse=True)
-    vertices, faces = vertices[used], compact.reshape(faces.shape).astype(np.int64)
+    vertices, faces = _used(vertices, faces)
     extent = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
     if extent == 0.0:
         return vertices, faces
-    rounded = np.round((vertices - vertices.min(axis=0)) / (WELD * extent)).astype(np.int64)
-    _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    # What is equal goes first, and fast: it is most of what there is to weld.
+    _, first, same = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
+    pairs = cKDTree(vertices[first]).query_pairs(WELD * extent, output_type="ndarray")
+    count, group = connected_components(coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(first), len(first))), directed=False)
+    lowest = np.full(count, len(vertices))
+    np.minimum.at(lowest, group, first)
     # Numbered in the order of the file, so that the result reads like the input.
-    order = np.argsort(first, kind="stable")
+    order = np.argsort(lowest)
     rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return np.ascontiguousarray(vertices[first[order]]), rank[inverse.reshape(-1)][faces]
+    rank[order] = np.arange(count)
+    return np.ascontiguousarray(vertices[lowest[order]]), rank[group[same.reshape(-1)]][faces]
+
+
+def _used(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
+    """The vertices that faces have, in their order."""
+    used, compact = np.unique(faces, return_inverse=True)
+    return vertices[used], compact.reshape(faces.shape).astype(np.int64)
 
 
 def _drop_useless_faces(faces: IntArray, notes: list[str]) -> IntArray:

@@ -11,8 +11,8 @@ from quasirigid.view.scene import BodyView, IntArray, Moved
 
 FAR = 1e-4
 """How far the triangles may be from a part of the pad that does not yield, m: half a pixel."""
-YIELDS = 4e-6
-"""A point that has moved by more has all its triangles, m."""
+YIELDS = 6e-6
+"""A point that has moved by more has all its triangles, m: what the view promises, less what changes unsent (``SHAPE_TOLERANCE``)."""
 FINE, SAFE = 1.5e-3, 1.0e-3
 """Points nearer than ``FINE`` to such a point get theirs too, m: the patch may grow by ``SAFE`` before the triangles are made anew."""
 SHRUNK = 0.5
@@ -20,7 +20,7 @@ SHRUNK = 0.5
 
 
 class PadDetail:
-    """Which triangles a pad is drawn with. Vertices stay the points of the pad: those without a triangle are simply not seen."""
+    """Which triangles a pad is drawn with. Their corners are points of the pad."""
 
     def __init__(self, body: BodyView) -> None:
         self._rest, self._normals = body.points, body.normals

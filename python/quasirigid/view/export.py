@@ -20,7 +20,9 @@ from quasirigid.scene_recording import SceneRecording
 from quasirigid.view.render import RenderOptions, span
 
 BLOCK = 500
-"""Steps read at a time."""
+"""Steps written at a time."""
+READ = 2**14
+"""Rows read at a time."""
 STATUS = np.array(["open", "stick", "slip"])
 XYZ = ("x", "y", "z")
 Columns = dict[str, npt.NDArray[Any]]
@@ -64,10 +66,12 @@ def tables(recording: SceneRecording) -> dict[str, Callable[[npt.NDArray[np.int6
     return made
 
 
-def _taken(recording: SceneRecording, name: str, steps: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
-    """A step column at some steps."""
-    values: npt.NDArray[Any] = recording.columns.slice(name, int(steps[0]), int(steps[-1]) + 1)[steps - steps[0]]
-    return values
+def _taken(recording: SceneRecording, name: str, rows: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
+    """Some rows of a column, in rising order. What lies between them is read too, but not all of it at a time."""
+    columns = recording.columns
+    pieces = np.split(rows, np.flatnonzero(np.diff(rows // READ)) + 1) if len(rows) else []
+    parts = [columns.slice(name, int(piece[0]), int(piece[-1]) + 1)[piece - piece[0]] for piece in pieces]
+    return np.concatenate(parts) if parts else columns.slice(name, 0, 0)
 
 
 def _key(recording: SceneRecording, steps: npt.NDArray[np.int64], counts: npt.NDArray[np.int64] | int = 1) -> Columns:
@@ -109,12 +113,10 @@ def _contacts(recording: SceneRecording, steps: npt.NDArray[np.int64]) -> Column
     ends = recording.columns.slice("contacts/end", 0, int(steps[-1]) + 1)
     starts = np.concatenate([[0], ends])[steps]
     counts = ends[steps] - starts
-    low = int(starts[0])
-    rows = np.concatenate([np.zeros(0, np.int64), *(np.arange(a, a + n) for a, n in zip(starts - low, counts, strict=True))])
+    rows = np.concatenate([np.zeros(0, np.int64), *(np.arange(a, a + n) for a, n in zip(starts, counts, strict=True))])
 
     def taken(name: str) -> npt.NDArray[Any]:
-        values: npt.NDArray[Any] = recording.columns.slice(f"contacts/{name}", low, int(ends[steps[-1]]))[rows]
-        return values
+        return _taken(recording, f"contacts/{name}", rows)
 
     columns: Columns = _key(recording, steps, counts)
     columns |= {name: bodies[taken(name).astype(int)] for name in ("body_a", "body_b")}
@@ -165,7 +167,13 @@ class _Parquet:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        table = pa.table({name: pa.array(values.tolist() if values.dtype.kind == "U" else values) for name, values in columns.items()})
+        # Texts need their type said: there may be none of them before the first contact.
+        table = pa.table(
+            {
+                name: pa.array(values.tolist(), pa.string()) if values.dtype.kind == "U" else pa.array(values)
+                for name, values in columns.items()
+            }
+        )
         if self._writer is None:
             self._writer = pq.ParquetWriter(self._path, table.schema, compression="zstd")
         self._writer.write_table(table.cast(self._writer.schema))

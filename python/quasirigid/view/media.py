@@ -1,10 +1,13 @@
 """Pictures into files: PNG frames in a directory, one PNG, an animated GIF, an MP4.
 
-A writer takes frames (height, width, 3) of ``uint8`` one at a time and holds none of them back, so that a film may be of any length.
+A writer takes frames (height, width, 3) of ``uint8`` one at a time and holds none of them back, so that a film may be of any length. Nothing is
+on disk before the first frame, and an older film stays until the new one is finished.
 """
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -55,7 +58,6 @@ class PngFrames:
         self._one = out.suffix.lower() == ".png"
         self._out = out
         self.paths: list[Path] = []
-        (out.parent if self._one else out).mkdir(parents=True, exist_ok=True)
 
     def prepare(self, frames: Sequence[Frame], accents: Frame) -> None:
         """Every picture is by itself."""
@@ -63,11 +65,17 @@ class PngFrames:
     def add(self, frame: Frame) -> None:
         """Write the next frame."""
         path = self._out if self._one else self._out / f"frame-{len(self.paths):06d}.png"
+        if not self.paths:
+            path.parent.mkdir(parents=True, exist_ok=True)
         Image.fromarray(frame).save(path)
         self.paths.append(path)
 
     def close(self) -> None:
-        """Nothing is left to do."""
+        """Take away what is left of a longer film that was here before: its frames would follow on these."""
+        if not self._one and self.paths:
+            for path in self._out.iterdir():
+                if re.fullmatch(r"frame-\d{6}\.png", path.name) and path.name > self.paths[-1].name:
+                    path.unlink()
 
     def discard(self) -> None:
         """Every frame is a whole file: they stay."""
@@ -83,8 +91,8 @@ class Gif:
         """Write to ``path``, ``fps`` frames a second."""
         if fps > 50.0:
             raise InvalidValueError("fps", "at most 50 for a GIF", f"{fps:g}", "give --fps 25, or write an MP4")
-        path.parent.mkdir(parents=True, exist_ok=True)
         self.paths = [path]
+        self._draft = _draft(path)
         self._fps = fps
         self._file: BinaryIO | None = None
         self._palette: Image.Image | None = None
@@ -129,7 +137,8 @@ class Gif:
         image = Image.fromarray(pixels, "P")
         image.putpalette(self._palette.getpalette() or [])
         if self._file is None:
-            self._file = self.paths[0].open("wb")
+            self._draft.parent.mkdir(parents=True, exist_ok=True)
+            self._file = self._draft.open("wb")
             for part in GifImagePlugin.getheader(image, info={"loop": 0, "optimize": False})[0]:
                 self._file.write(part)
         end = round(100.0 * self._count / self._fps)
@@ -144,12 +153,18 @@ class Gif:
         if self._file is not None:
             self._file.write(b";")
             self._file.close()
+            os.replace(self._draft, self.paths[0])
 
     def discard(self) -> None:
         """Leave no half of a film."""
         if self._file is not None:
             self._file.close()
-            self.paths[0].unlink(missing_ok=True)
+            self._draft.unlink(missing_ok=True)
+
+
+def _draft(path: Path) -> Path:
+    """Where a film is written until it is finished: beside ``path``, with its ending."""
+    return path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
 
 
 def _difference(image: IndexArray, changed: npt.NDArray[np.bool_]) -> tuple[IndexArray, Box]:
@@ -167,34 +182,42 @@ class Mp4:
     def __init__(self, path: Path, fps: float, size: tuple[int, int]) -> None:
         """Write to ``path``, ``fps`` frames a second of ``size`` (width, height) px, both even."""
         try:
-            import imageio_ffmpeg
+            import imageio_ffmpeg  # noqa: F401
         except ImportError:
             raise MissingPackageError.of("imageio-ffmpeg", "to write MP4", "video") from None
         if size[0] % 2 or size[1] % 2:
             raise InvalidShapeError("size", "an even width and height for an MP4", f"{size[0]}x{size[1]}", "give --size 1280x720")
-        path.parent.mkdir(parents=True, exist_ok=True)
         self.paths = [path]
-        self._size = size
-        self._pipe: Any = imageio_ffmpeg.write_frames(
-            str(path), size, fps=fps, quality=QUALITY, macro_block_size=2, output_params=["-movflags", "+faststart"]
-        )
-        self._pipe.send(None)
+        self._draft = _draft(path)
+        self._fps, self._size = fps, size
+        self._pipe: Any = None
 
     def prepare(self, frames: Sequence[Frame], accents: Frame) -> None:
         """Nothing depends on what comes."""
 
     def add(self, frame: Frame) -> None:
         """Encode the next frame."""
+        if self._pipe is None:
+            import imageio_ffmpeg
+
+            self._draft.parent.mkdir(parents=True, exist_ok=True)
+            self._pipe = imageio_ffmpeg.write_frames(
+                str(self._draft), self._size, fps=self._fps, quality=QUALITY, macro_block_size=2, output_params=["-movflags", "+faststart"]
+            )
+            self._pipe.send(None)
         self._pipe.send(np.ascontiguousarray(frame))
 
     def close(self) -> None:
         """Finish the file."""
-        self._pipe.close()
+        if self._pipe is not None:
+            self._pipe.close()
+            os.replace(self._draft, self.paths[0])
 
     def discard(self) -> None:
         """An MP4 that broke off still plays once it is finished properly, but nobody asked for a part."""
-        self._pipe.close()
-        self.paths[0].unlink(missing_ok=True)
+        if self._pipe is not None:
+            self._pipe.close()
+            self._draft.unlink(missing_ok=True)
 
 
 def open_writer(out: Path, *, fps: float, size: tuple[int, int]) -> Writer:
@@ -202,6 +225,9 @@ def open_writer(out: Path, *, fps: float, size: tuple[int, int]) -> Writer:
     if not (np.isfinite(fps) and 0.0 < fps <= 1000.0):
         raise InvalidValueError("fps", "frames per second, above 0 and up to 1000", fps, "give --fps 30")
     kind = out.suffix.lower()
+    if kind in KINDS and out.exists() and not out.is_file():
+        found = f"{out.name}, which is a directory" if out.is_dir() else out.name
+        raise InvalidValueError("out", f"a file that ends in {', '.join(KINDS)}, or a directory without", found, "choose another name")
     if kind == ".gif":
         return Gif(out, fps)
     if kind == ".mp4":
@@ -221,10 +247,14 @@ class Film:
         return self.writer
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        if kind is None:
-            self.writer.close()
-        else:
+        if kind is not None:
             self.writer.discard()
+            return
+        try:
+            self.writer.close()
+        except BaseException:
+            self.writer.discard()
+            raise
 
 
 def frame_steps(times: npt.NDArray[np.float64], fps: float, start: float, end: float, speed: float) -> Iterator[int]:

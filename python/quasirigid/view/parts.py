@@ -31,7 +31,10 @@ LINEAR = (255.0 * np.where(_SHARE <= 0.04045, _SHARE / 12.92, ((_SHARE + 0.055) 
 
 
 class Joined:
-    """Bodies of one colour as one mesh with its vertices in world axes: one node and one drawing call, however many bodies move."""
+    """Bodies of one colour as one mesh with its vertices in world axes: one node and one drawing call, however many bodies move.
+
+    Vertices without a triangle are not sent.
+    """
 
     def __init__(self, server: viser.ViserServer, name: str, parts: Sequence[tuple[int, FloatArray, IntArray]], colour: Colour) -> None:
         """``parts`` are bodies: index, points at rest (n, 3) m in its frame, faces (m, 3)."""
@@ -58,9 +61,17 @@ class Joined:
         self._stale = True
         self.world = self._rest.copy()
         """Where the vertices are, (n, 3) m."""
+        self.sent: IntArray = np.zeros(0, np.int64)
+        """Which of them the page has, in its order: those that triangles are drawn with."""
+        faces = self._renumbered()
         self.handle = server.scene.add_mesh_simple(
-            name, self._rest, np.concatenate(self._faces).astype(np.uint32), color=colour, cast_shadow=False, receive_shadow=False
+            name, self._rest[self.sent], faces, color=colour, cast_shadow=False, receive_shadow=False
         )
+
+    def _renumbered(self) -> npt.NDArray[np.uint32]:
+        """The triangles by the vertices that the page is to have from now on."""
+        self.sent, faces = np.unique(np.concatenate(self._faces), return_inverse=True)
+        return faces.reshape(-1, 3).astype(np.uint32)
 
     def deform(self, part: int, moved: Moved | None) -> None:
         """Vertices of a part are where its points are now; ``None``: at rest. Seen after the next ``place``."""
@@ -76,7 +87,9 @@ class Joined:
         """Other triangles (m, 3) of their points for some parts, in the order in which they shall be drawn."""
         for part, faces in parts.items():
             self._faces[part] = self.rows[part][faces]
-        self.handle.faces = np.concatenate(self._faces).astype(np.uint32)
+        self.handle.faces = self._renumbered()
+        self.handle.vertices = self.world[self.sent]
+        self._stale = True
 
     def place(self, positions: FloatArray, turns: FloatArray, changed: npt.NDArray[np.bool_]) -> bool:
         """Sends the vertices if a body has moved or yielded, and says whether.
@@ -89,7 +102,7 @@ class Joined:
         for where, turn, position in zip(self._slices, turns[self.bodies].astype(np.float32), positions[self.bodies], strict=True):
             np.matmul(self._local[where], turn.T, out=self.world[where])
             self.world[where] += position.astype(np.float32)
-        self.handle.vertices = self.world
+        self.handle.vertices = self.world[self.sent]
         return True
 
 

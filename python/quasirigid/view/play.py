@@ -144,7 +144,7 @@ class Play:
 
     def lift(self, up: bool) -> None:
         """Send the hand LIFT up or down from where it is sent now; down no deeper than where it started. The squeeze is kept up on the way."""
-        if self.grip.state in ("squeezing", "holding"):
+        if self.grip.state in ("squeezing", "holding", "weak"):
             self._let_stand_go()
             self.grip.squeeze = self.figures.squeeze
         (x, y, z), turn = self._aim

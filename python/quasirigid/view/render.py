@@ -79,19 +79,27 @@ class RenderOptions:
             raise InvalidShapeError("size", expected, f"{width}x{height}", "give --size 1280x720")
         if not (np.isfinite(self.speed) and self.speed > 0.0):
             raise InvalidValueError("speed", "above 0; 1 is real time", self.speed, "give --speed 0.25 for slow motion")
-        for name, value in (("from", self.start), ("to", self.end)):
+        for name, value in (("at", self.end),) if self.single else (("from", self.start), ("to", self.end)):
             if value is not None and not np.isfinite(value):
                 raise InvalidValueError(name, "a time in s", value, f"leave --{name} out for the whole recording")
 
 
 def span(recording: SceneRecording, options: RenderOptions) -> tuple[float, float]:
     """First and last time to be drawn, s, within the recording. Raises ``InvalidValueError`` if nothing is left."""
-    first, last = float(recording.times[0]), float(recording.times[-1])
+    times = recording.times
+    first, last = float(times[0]), float(times[-1])
+    # A row stands for the time since the one before it: the recording of a world begins at 0, its first row at the end of a step.
+    begin = first - max(recording.model.dt, float(times[1] - times[0]) if len(times) > 1 else 0.0)
     start = first if options.start is None else max(options.start, first)
     end = last if options.end is None else min(options.end, last)
+    if begin - 1e-9 <= end < first:
+        end = first
     if start > end:
+        expected = f"a time within the recording, {max(round(begin, 9), 0.0):g} to {last:g} s"
+        if options.single:
+            raise InvalidValueError("at", expected, f"{options.end:g} s", "choose another --at")
         got = f"{options.start if options.start is not None else first:g} to {options.end if options.end is not None else last:g} s"
-        raise InvalidValueError("from, to", f"a time within the recording, {first:g} to {last:g} s", got, "choose another --from or --to")
+        raise InvalidValueError("from, to", expected, got, "choose another --from or --to")
     return start, end
 
 
@@ -348,8 +356,9 @@ def render(
     with SceneRecording(path) as recording:
         _, end = span(recording, options)
         # Asked before anything is drawn: a missing package is found out at once.
-        with Film(open_writer(out, fps=options.fps, size=options.size)) as writer:
-            renderer = Renderer(recording, options)
+        film = Film(open_writer(out, fps=options.fps, size=options.size))
+        renderer = Renderer(recording, options)
+        with film as writer:
             single = options.single or out.suffix.lower() == ".png"
             steps = [recording.step_at(end)] if single else list(renderer.steps())
             needed = list(dict.fromkeys(steps))  # in slow motion a step is shown many times

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from quasirigid.mocap import HandFrame
+from quasirigid.summary import quaternion_product
 
 FloatArray = npt.NDArray[np.float64]
 Side = Literal["left", "right"]
@@ -54,7 +55,7 @@ def hand_frame(side: Side, joints: FloatArray, *, time: float, arrival: float) -
     tips = joints[TIPS]
     tracked[:5] = seen[TIPS]
     positions[:5] = tips[:, :3]
-    quaternions[:5] = _product(tips[:, [6, 3, 4, 5]], TURN)
+    quaternions[:5] = quaternion_product(tips[:, [6, 3, 4, 5]], TURN)
     radii[:5] = np.where(tips[:, 7] > 0.0, tips[:, 7], PAD_RADIUS)
     if seen[[WRIST, INDEX_KNUCKLE, MIDDLE_KNUCKLE, LITTLE_KNUCKLE]].all():
         turn = _palm_turn(side, joints[:, :3])
@@ -93,9 +94,3 @@ def quaternion_of(matrix: FloatArray) -> FloatArray:
     rows = np.array([[w, a, b, c], [a, x, d, e], [b, d, y, f], [c, e, f, z]])
     best: FloatArray = rows[int(np.argmax(np.diagonal(rows)))]
     return best / np.linalg.norm(best)
-
-
-def _product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Quaternion products of ``a`` (n, 4) with ``b`` (4,)."""
-    w, v, s, u = a[:, :1], a[:, 1:], b[0], b[1:]
-    return np.concatenate([w * s - (v @ u)[:, None], w * u + s * v + np.cross(v, u)], axis=1)

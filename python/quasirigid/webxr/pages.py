@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 import socket
 from importlib.resources import files
 from urllib.parse import urlsplit
@@ -39,10 +40,25 @@ def same_origin(host: str | None, origin: str | None) -> bool:
 
 def named_locally(host: str | None) -> bool:
     """Whether the browser was told this machine's own name: a foreign name that resolves to 127.0.0.1 is an attack (DNS rebinding)."""
+    return _name_in(host) in LOCAL
+
+
+def named_as_ours(host: str | None, bound: str) -> bool:
+    """Whether the browser was told an address, the name of this machine or ``bound``, and no foreign name that leads here (DNS rebinding)."""
+    name, own = _name_in(host), socket.gethostname().lower()
     try:
-        return urlsplit(f"//{host}").hostname in LOCAL
+        ipaddress.ip_address(name)
     except ValueError:
-        return False
+        return name in (*LOCAL, bound.lower(), own, f"{own}.local")
+    return True
+
+
+def _name_in(host: str | None) -> str:
+    """The name or address in the header ``Host``, in small letters; empty for none."""
+    try:
+        return urlsplit(f"//{host or ''}").hostname or ""
+    except ValueError:
+        return ""
 
 
 def own_address() -> str:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from quasirigid.errors import InvalidValueError
 from quasirigid.mocap import Calibration
+from quasirigid.summary import conjugate, quaternion_product, rotate
 from quasirigid.webxr.joints import TURN
 
 FloatArray = npt.NDArray[np.float64]
@@ -67,13 +68,9 @@ class Placement:
         """From the room to the world."""
         # Room from world: x_room = position + Q x_world, with Q = (turn by the heading about y) after the exchange of axes.
         half = 0.5 * self.heading
-        c, s = math.cos(half), math.sin(half)
-        w, x, y, z = TURN
-        q = np.array([c * w - s * y, c * x + s * z, c * y + s * w, c * z - s * x])
-        back = q * np.array([1.0, -1.0, -1.0, -1.0])
-        u, v = back[1:], -np.array(self.position)
-        turned = v + 2.0 * np.cross(u, np.cross(u, v) + back[0] * v)
-        return Calibration(turned, back)
+        about_y = np.array([math.cos(half), 0.0, math.sin(half), 0.0])
+        back = conjugate(quaternion_product(about_y, TURN))
+        return Calibration(rotate(back, -np.array(self.position)), back)
 
     def message(self) -> dict[str, object]:
         """For the page."""

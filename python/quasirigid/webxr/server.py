@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 import asyncio
-import errno
 import json
-import logging
-import socket
 import ssl
 import threading
 import time
 from collections.abc import Sequence
-from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from quasirigid._quasirigid import HandFrame
-from quasirigid.errors import InvalidValueError, NetworkError, PacketError
-from quasirigid.serving import run_server
+from quasirigid.errors import InvalidValueError, PacketError
+from quasirigid.serving import ServerThread, netloc
 from quasirigid.view.scene import SceneModel, SceneState
 from quasirigid.webxr.joints import JOINTS, Side, hand_frame
 from quasirigid.webxr.messages import HANDS_SIZE, TEXT_LIMIT, read_hands, read_recentre
-from quasirigid.webxr.pages import HEADERS, LOCAL, named_locally, own_address, page_files, same_origin
+from quasirigid.webxr.pages import HEADERS, LOCAL, named_as_ours, named_locally, own_address, page_files, same_origin
 from quasirigid.webxr.placement import Placement
 from quasirigid.webxr.wire import SceneWire
 
@@ -91,19 +87,19 @@ class XrServer:
         self._state: bytes | None = None
         self._drawn = float("-inf")
         self._tls = None if certificate is None else _context(certificate, key)
-        self._loop = asyncio.new_event_loop()
-        self._ended = asyncio.Event()
-        ready: Future[tuple[str, int]] = Future()
-        self._thread = threading.Thread(target=self._run, args=(port, ready), name="quasirigid-webxr", daemon=True)
-        self._thread.start()
-        try:
-            self.address = ready.result()
-        except OSError as error:
-            self._thread.join()
-            if isinstance(error, socket.gaierror):
-                raise InvalidValueError("address to listen on", "one of this machine's", host, "127.0.0.1, or 0.0.0.0 for all") from None
-            found = "one in use" if error.errno == errno.EADDRINUSE else error.strerror or str(error)
-            raise NetworkError(f"port {port} of {host}", "one that is free", found, "choose another port") from None
+        self._server = ServerThread(
+            self._talk,
+            host,
+            port,
+            name="webxr",
+            process_request=self._answer,
+            max_size=max(HANDS_SIZE, TEXT_LIMIT),
+            max_queue=64,
+            ssl=self._tls,
+            ping_interval=ASKED_EVERY,
+            ping_timeout=ANSWER_WITHIN,
+        )
+        self.address = self._server.address
 
     # What a session asks for: a source of hands.
 
@@ -134,9 +130,7 @@ class XrServer:
 
     def close(self) -> None:
         """Close all connections and the port."""
-        if self._thread.is_alive():
-            self._loop.call_soon_threadsafe(self._ended.set)
-            self._thread.join(timeout=10.0)
+        self._server.close()
 
     def __enter__(self) -> XrServer:
         return self
@@ -151,7 +145,7 @@ class XrServer:
         """Address of the page."""
         host, port = self.address
         shown = "localhost" if host in LOCAL else own_address() if host in ("0.0.0.0", "::") else host
-        return f"{'http' if self._tls is None else 'https'}://{shown}:{port}"
+        return f"{'http' if self._tls is None else 'https'}://{netloc(shown, port)}"
 
     @property
     def placement(self) -> Placement:
@@ -183,42 +177,18 @@ class XrServer:
             for news in self._clients.values():
                 news.set()
 
-        if self._thread.is_alive():
-            self._loop.call_soon_threadsafe(wake)
+        self._server.call(wake)
 
     # The thread.
-
-    def _run(self, port: int, ready: Future[tuple[str, int]]) -> None:
-        run_server(self._loop, self._serve(port, ready), ready)
-
-    async def _serve(self, port: int, ready: Future[tuple[str, int]]) -> None:
-        quiet = logging.getLogger("quasirigid.webxr")
-        quiet.setLevel(logging.CRITICAL)  # browsers that go away in the middle of a message are no news
-        server: Server
-        async with serve(
-            self._talk,
-            self._host,
-            port,
-            process_request=self._answer,
-            max_size=max(HANDS_SIZE, TEXT_LIMIT),
-            max_queue=64,
-            compression=None,
-            ssl=self._tls,
-            logger=quiet,
-            open_timeout=10.0,
-            ping_interval=ASKED_EVERY,
-            ping_timeout=ANSWER_WITHIN,
-            close_timeout=1.0,
-        ) as server:
-            host, bound = server.sockets[0].getsockname()[:2]
-            ready.set_result((str(host), int(bound)))
-            await self._ended.wait()
 
     def _answer(self, _: ServerConnection, request: Request) -> Response | None:
         """A page for who asks for one, ``None`` for a websocket that may be opened."""
         host = request.headers.get("Host")
-        if self._host in LOCAL and not named_locally(host):
-            return _response(403, "Forbidden", "text/plain", b"this server answers to localhost\n")
+        if self._host in LOCAL:
+            if not named_locally(host):
+                return _response(403, "Forbidden", "text/plain", b"this server answers to localhost\n")
+        elif self._tls is None and not named_as_ours(host, self._host):  # with TLS it would need a certificate of ours
+            return _response(403, "Forbidden", "text/plain", b"this server answers to its address, and to the name of its machine\n")
         path = request.path.split("?")[0]
         if path != "/socket":
             kind, content = self._files.get(path, ("text/plain", b""))

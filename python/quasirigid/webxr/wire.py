@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from quasirigid.mocap.look import press_and_slip
 from quasirigid.palette import FINGER_COLOURS
 from quasirigid.view.meshes import thinned
 from quasirigid.view.pressure import COLOURS, Scale, patch_of, pressure_at
@@ -132,12 +133,8 @@ class SceneWire:
 
     def _fingers(self, state: SceneState) -> list[list[float]]:
         """Per finger: normal force, N, and the share of it whose contacts slip."""
-        c, found = state.contacts, []
-        for tip in self._tips:
-            press = c.reactions[:, 0] * ((c.body_a == tip) | (c.body_b == tip))
-            total = float(press.sum())
-            found.append([round(total, 4), round(float(press[c.status == 2].sum()) / total, 3) if total > LOADED else 0.0])
-        return found
+        sums = (press_and_slip(state.contacts, tip) for tip in self._tips)
+        return [[round(total, 4), round(slip, 3) if total > LOADED else 0.0] for total, slip in sums]
 
     def _lifted(self, state: SceneState) -> float:
         """How much higher the object is than in the first state of the scene, m."""

@@ -10,6 +10,8 @@ use crate::Side;
 const MOST_TARGETS: u32 = 9_999;
 /// Fingers of a hand.
 const MOST_FINGERS: u32 = 5;
+/// Radius of a fingertip's sphere, mm: more is no finger.
+const LARGEST_TIP: f64 = 100.0;
 /// Joints of a person.
 const MOST_JOINTS: u32 = 200;
 /// Buttons and axes of a device; the vendor's own limits are 16 and 8.
@@ -156,7 +158,7 @@ fn finger(line: &mut Cursor<'_>) -> Parsed<HandFinger> {
     let position = line.block()?.position()?;
     let rotation = line.rotation_or_zeros()?;
     let [tip_radius, outer, outer_middle, middle, middle_inner, inner] = line.block()?.numbers()?;
-    if tip_radius < 0.0 {
+    if !(0.0..=LARGEST_TIP).contains(&tip_radius) {
         return Err(PacketErrorKind::OutOfRange);
     }
     let tip = Placement { position, rotation };

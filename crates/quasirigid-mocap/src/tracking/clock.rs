@@ -43,7 +43,7 @@ impl ClockSync {
         let bucket = (arrival / BUCKET).floor() as i64;
         let slot = &mut self.buckets[bucket.rem_euclid(BUCKETS as i64) as usize];
         *slot = if slot.0 == bucket { (bucket, slot.1.min(delay)) } else { (bucket, delay) };
-        let alive = |&&(number, _): &&(i64, f64)| number > bucket - BUCKETS as i64 && number <= bucket;
+        let alive = |&&(number, _): &&(i64, f64)| number > bucket.saturating_sub(BUCKETS as i64) && number <= bucket;
         self.offset = self.buckets.iter().filter(alive).map(|&(_, least)| least).fold(f64::INFINITY, f64::min);
         self.delays[self.count % RECENT] = delay;
         self.times[self.count % RECENT] = time;
@@ -118,6 +118,15 @@ mod tests {
             assert!((clock.tracker_time(last) - (50_000.0 + last - 0.003)).abs() < 1e-3, "{rate} Hz");
             assert!((0.007..0.0105).contains(&clock.jitter()), "{rate} Hz: jitter {}", clock.jitter());
         }
+    }
+
+    #[test]
+    fn arrivals_beyond_all_sense_do_no_harm() {
+        let mut clock = ClockSync::default();
+        for arrival in [-1e300, 1e300, 0.0] {
+            clock.add(1.0, arrival);
+        }
+        assert_eq!(clock.tracker_time(0.0), 1.0);
     }
 
     #[test]

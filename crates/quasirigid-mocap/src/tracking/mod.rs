@@ -3,21 +3,25 @@
 //! **Time.** Frames are put in the order of their own times, so late ones, duplicates and jitter do no harm. The hand is shown a little in the past
 //! ([`Delay`]): by default one period of the tracker plus the lateness of 95 of 100 packets, at most 0.1 s. There, poses are interpolated. Where the next
 //! frame is missing, the motion runs on and comes to rest. When it comes after all, the difference is not jumped but fades away
-//! ([`TrackingOptions::catch`]). The result is continuous for any sequence of frames.
+//! ([`TrackingOptions::catch`]), by 0.5 m/s and 3 rad/s at most. The result is continuous for any sequence of frames, also after a time in which nobody
+//! asked for it.
 //!
 //! **Loss.** What is not seen any more keeps its place relative to the palm if that is seen, else to another finger that is, else in the room.
 //! Its weight stays 1 for [`TrackingOptions::hold`] and then goes to 0 within [`TrackingOptions::fade`]. When it is seen again, the pose glides to it and
-//! the weight rises. A spring to a target should be scaled by the weight.
+//! the weight rises. A spring to a target should be scaled by the weight. What was away for a frame or some, and has gone on meanwhile as before, is shown as
+//! if it had been seen; elsewhere than that it glides, as after a longer loss. A frame that never came says nothing about what was seen.
 
 mod clock;
+mod part;
 mod track;
 
 pub use clock::ClockSync;
 
 use crate::error::{Error, Result, check_within};
 use crate::hand_frame::ReferenceFrame;
-use crate::{HandFrame, Pose, Rot, Side, Vec3};
-use track::{Motion, Track};
+use crate::{HandFrame, Pose, Side, Vec3};
+use part::Part;
+use track::Motion;
 
 /// Index of the palm behind the five fingers.
 const PALM: usize = 5;
@@ -29,6 +33,20 @@ const LONGEST_DELAY: f64 = 0.1;
 const CLOCK_SET: f64 = 0.5;
 /// How much faster or slower than time the hand may be shown to correct the delay.
 const SLEW: f64 = 0.1;
+/// Who asks more seldom than this, s, was stopped: what is shown goes on from where it was, and moves by no more than in this time.
+const LONGEST_STEP: f64 = 0.1;
+/// A silence is no loss before this, s, however slow the tracker.
+const LONGEST_SILENCE: f64 = 0.2;
+/// A frame that is overtaken, and so much later (s) than the moment shown, is of no use any more.
+const TOO_LATE: f64 = 0.1;
+/// So many frames in a row that are older than the newest, for so long (s): the tracker's clock was set back.
+const SET_BACK: (u32, f64) = (4, 0.1);
+
+/// Time and arrival of the newest frame before the first.
+const NOTHING: (f64, f64) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
+
+/// Times beyond this, s, are refused: a double cannot tell milliseconds apart there.
+const LATEST: f64 = 1e12;
 
 /// How far in the past the hand is shown.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,7 +62,8 @@ pub enum Delay {
 pub struct TrackingOptions {
     /// How far in the past the hand is shown.
     pub delay: Delay,
-    /// How long something that is not seen keeps its full weight. Longer bridges longer losses, shorter lets go sooner.
+    /// How long something that is not seen keeps its full weight: from the first frame without it, or, if no frames come, from the time when two of them
+    /// are missing. Longer bridges longer losses, shorter lets go sooner.
     pub hold: f64,
     /// How long the weight then takes to 0.
     pub fade: f64,
@@ -114,29 +133,19 @@ pub struct HandTargets {
     pub time: f64,
 }
 
-#[derive(Debug, Clone)]
-struct Tracked {
-    track: Track,
-    /// In the newest frame.
-    seen: bool,
-    pad_radius: f64,
-    /// What it was last seen together with, and its pose in that thing's frame.
-    carrier: Option<(usize, Pose)>,
-    /// Difference of what is shown to what is known: added to the position, and turned after the rotation.
-    offset: (Vec3, Rot),
-    weight: f64,
-}
-
 /// One hand: takes frames when they come, gives targets when they are needed. Allocates nothing once made.
 #[derive(Debug, Clone)]
 pub struct HandTracker {
     side: Side,
     options: TrackingOptions,
     world_from_tracker: Pose,
-    tracked: [Tracked; 6],
+    parts: [Part; 6],
     clock: ClockSync,
     waiting: Vec<HandFrame>,
-    newest: f64,
+    /// Time and arrival of the newest frame.
+    newest: (f64, f64),
+    /// How many frames older than that came in a row, in the order of their times, and the time of the last of them.
+    stale: (u32, f64),
     /// Tracker time that is shown, and own time when it was.
     shown: Option<(f64, f64)>,
 }
@@ -148,24 +157,15 @@ impl HandTracker {
     /// [`Error::InvalidValue`] as [`TrackingOptions::check`].
     pub fn new(side: Side, world_from_tracker: Pose, options: TrackingOptions) -> Result<Self> {
         options.check()?;
-        let nothing = || Tracked {
-            track: Track::default(),
-            seen: false,
-            pad_radius: 0.0,
-            carrier: None,
-            offset: (Vec3::zeros(), Rot::identity()),
-            weight: 0.0,
-        };
-        let tracked = std::array::from_fn(|_| nothing());
-        let waiting = Vec::with_capacity(WAITING);
         Ok(Self {
             side,
             options,
             world_from_tracker,
-            tracked,
+            parts: Default::default(),
             clock: ClockSync::default(),
-            waiting,
-            newest: f64::NEG_INFINITY,
+            waiting: Vec::with_capacity(WAITING),
+            newest: NOTHING,
+            stale: (0, f64::NEG_INFINITY),
             shown: None,
         })
     }
@@ -178,12 +178,13 @@ impl HandTracker {
     /// Takes a frame; it counts from the next [`HandTracker::sample`] on.
     ///
     /// # Errors
-    /// [`Error::InvalidValue`] for a frame of the other hand or with numbers that are not finite. Such a frame changes nothing.
+    /// [`Error::InvalidValue`] for a frame of the other hand, or with numbers that are not finite, a pad radius over 0.1 m or a time beyond 1e12 s. Such a
+    /// frame changes nothing.
     pub fn push(&mut self, frame: &HandFrame) -> Result<()> {
         if frame.side != self.side {
             return Err(Error::value("side", self.side.name(), frame.side.name(), "use one tracker for each hand"));
         }
-        check_finite(frame)?;
+        check_frame(frame)?;
         let frame = if frame.frame == ReferenceFrame::Tracker { frame.transformed(&self.world_from_tracker) } else { *frame };
         if self.waiting.len() == WAITING {
             self.waiting.remove(0);
@@ -192,13 +193,17 @@ impl HandTracker {
         Ok(())
     }
 
-    /// The hand at the own time `now`, s, on the clock of the arrivals. To be asked with times that do not fall back; None before the first frame.
+    /// The hand at the own time `now`, s, on the clock of the arrivals. To be asked with times that do not fall back, at 10 Hz or more: from one sample to
+    /// the next no more is made up for than in 0.1 s. None before the first frame.
     pub fn sample(&mut self, now: f64) -> Option<HandTargets> {
         let (last_shown, last_now) = self.shown.map_or((None, now), |(shown, at)| (Some(shown), at));
         let dt = if now.is_finite() { (now - last_now).max(0.0) } else { 0.0 };
         let now = last_now + dt;
         let news = !self.waiting.is_empty();
-        let before = last_shown.map(|shown| self.poses(shown + dt));
+        let step = dt.min(LONGEST_STEP);
+        // What is old fades first: what the news change is shown in full in this sample, and fades from the next one on.
+        self.parts.iter_mut().for_each(|part| part.fade(step, self.options.catch));
+        let before = last_shown.map(|shown| self.poses(shown + step));
         let restarted = self.take_waiting();
         if !self.clock.is_running() {
             return None;
@@ -211,15 +216,21 @@ impl HandTracker {
             }
             _ => wanted,
         };
-        let jumped = last_shown.is_some_and(|last| (shown - last - dt).abs() > SLEW * dt + 1e-9);
+        let jumped = dt > step || last_shown.is_some_and(|last| (shown - last - dt).abs() > SLEW * dt + 1e-9);
         if let Some(before) = before.filter(|_| news || jumped) {
             // What the news change is not shown at once. At the time that would be shown without the news, or at the new one after a jump.
             let at = if jumped { shown } else { last_shown.unwrap_or(shown) + dt };
-            self.absorb(&before, at);
+            let known: [Option<Motion>; 6] = std::array::from_fn(|k| self.motion(k, at));
+            for ((part, before), known) in self.parts.iter_mut().zip(&before).zip(&known) {
+                part.absorb(before.as_ref(), known.as_ref().map(|motion| &motion.pose));
+            }
         }
         self.shown = Some((shown, now));
-        self.fade(dt, self.clock.tracker_time(now));
-        let target = |k: usize| self.target(k, shown);
+        let allowed = self.allowed_weights();
+        for (part, allowed) in self.parts.iter_mut().zip(allowed) {
+            part.weigh(step, allowed, self.options.catch);
+        }
+        let target = |k: usize| self.target(k, shown, allowed[k]);
         Some(HandTargets { palm: target(PALM), fingers: std::array::from_fn(target), delay, time: shown })
     }
 
@@ -242,11 +253,12 @@ impl HandTracker {
         // Taken out and put back, to keep its memory.
         let mut waiting = std::mem::take(&mut self.waiting);
         for frame in waiting.drain(..) {
-            if frame.time < self.newest - 2.0 * CLOCK_SET || frame.time > self.newest + 3600.0 {
+            if frame.time < self.newest.0 - 2.0 * CLOCK_SET || frame.time > self.newest.0 + 3600.0 || self.is_set_back(&frame) {
                 self.clock = ClockSync::default();
                 self.start_anew(&frame);
                 restarted = true;
-                self.newest = f64::NEG_INFINITY;
+            } else if frame.time < self.newest.0 && self.clock.tracker_time(frame.arrival) - frame.time > self.delay() + TOO_LATE {
+                continue;
             }
             self.clock.add(frame.time, frame.arrival);
             self.insert(&frame);
@@ -255,142 +267,117 @@ impl HandTracker {
         restarted
     }
 
+    /// Counts frames that are older than the newest one. Whether there are so many, for so long, that none of the tracker's clock as it was can be expected.
+    fn is_set_back(&mut self, frame: &HandFrame) -> bool {
+        let (count, last) = &mut self.stale;
+        if frame.time > self.newest.0 {
+            *count = 0;
+            return false;
+        }
+        // The same frame over and over is a duplicate.
+        *count = if *count == 0 || frame.time > *last { *count + 1 } else { *count };
+        *last = frame.time;
+        *count >= SET_BACK.0 && frame.arrival - self.newest.1 > SET_BACK.1 + 3.0 * self.clock.period()
+    }
+
     /// Forgets all poses but the last of parts that the frame lacks: these are held, and fade if they stay away.
     fn start_anew(&mut self, frame: &HandFrame) {
-        for (k, tracked) in self.tracked.iter_mut().enumerate() {
-            let seen =
-                if k == PALM { frame.palm.is_some_and(|palm| palm.tracked) } else { frame.fingers[k].is_some_and(|tip| tip.tracked) };
-            let last = tracked.track.last();
-            tracked.track.clear();
-            if let Some(pose) = last.filter(|_| !seen) {
-                tracked.track.insert(frame.time, pose);
-            }
+        for (part, seen) in self.parts.iter_mut().zip(seen_parts(frame)) {
+            part.start_anew(frame.time, seen.is_some());
         }
+        (self.newest, self.stale) = (NOTHING, (0, f64::NEG_INFINITY));
     }
 
     fn insert(&mut self, frame: &HandFrame) {
-        let fingers = frame.fingers.map(|finger| finger.map(|f| (f.tip, f.tracked, f.pad_radius)));
-        let palm = frame.palm.map(|p| (p.pose, p.tracked, 0.0));
-        let parts: [Option<(Pose, bool, f64)>; 6] = std::array::from_fn(|k| if k == PALM { palm } else { fingers[k] });
-        let seen = parts.map(|part| part.filter(|&(_, tracked, _)| tracked).map(|(pose, ..)| pose));
-        let is_newest = frame.time > self.newest;
-        for (k, tracked) in self.tracked.iter_mut().enumerate() {
-            if let Some((.., radius)) = parts[k] {
-                tracked.pad_radius = radius;
-            }
-            if let Some(pose) = seen[k] {
-                tracked.track.insert(frame.time, pose);
-            }
+        let seen = seen_parts(frame);
+        let is_newest = frame.time > self.newest.0;
+        for (k, part) in self.parts.iter_mut().enumerate() {
+            let Some(pose) = seen[k] else {
+                part.lack(frame.time);
+                part.seen &= !is_newest;
+                continue;
+            };
+            // The palm if it is there, else the first other finger.
+            let other = [PALM, 0, 1, 2, 3, 4].into_iter().find(|&other| k != PALM && other != k && seen[other].is_some());
+            let carrier = other.and_then(|other| Some((other, seen[other]?.inv_mul(&pose))));
+            part.see(frame.time, pose, carrier);
             if is_newest {
-                tracked.seen = seen[k].is_some();
-                if let Some(pose) = seen[k].filter(|_| k != PALM) {
-                    // The palm if it is there, else the first other finger.
-                    let other = [PALM, 0, 1, 2, 3, 4].into_iter().find(|&other| other != k && seen[other].is_some());
-                    tracked.carrier = other.and_then(|other| Some((other, seen[other]?.inv_mul(&pose))));
-                }
+                (part.seen, part.carrier) = (true, carrier);
+                part.measure_pad(frame.fingers.get(k).and_then(Option::as_ref).map_or(0.0, |finger| finger.pad_radius));
             }
         }
         if is_newest {
-            self.newest = frame.time;
+            self.newest = (frame.time, frame.arrival);
         }
     }
 
     /// What is known of a part at a tracker's time.
     fn motion(&self, k: usize, time: f64) -> Option<Motion> {
-        let tracked = &self.tracked[k];
+        let part = &self.parts[k];
         let run_on = (1.5 * self.clock.period()).clamp(0.03, 0.1);
-        let alone = tracked.track.at(time, run_on);
-        let newest = tracked.track.newest()?;
-        // Until it was last seen there are poses; after that it goes where its carrier goes.
-        let carrier = tracked.carrier.filter(|&(other, _)| !tracked.seen && time > newest && self.tracked[other].seen);
+        let alone = part.track.at(time, run_on);
+        let (oldest, newest) = (part.track.oldest()?, part.track.newest()?);
+        // While it is seen there are poses; after that, and until it was seen again twice, it goes where its carrier goes.
+        let carrier = if part.entry.is_some() && (time < oldest || newest <= oldest) {
+            part.entry
+        } else {
+            part.carrier.filter(|&(other, _)| !part.seen && time > newest && self.parts[other].seen)
+        };
         match carrier {
-            Some((other, relative)) => self.tracked[other].track.at(time, run_on).map(|motion| motion.carry(&relative)).or(alone),
+            Some((other, relative)) => self.parts[other].track.at(time, run_on).map(|motion| motion.carry(&relative)).or(alone),
             None => alone,
         }
     }
 
     /// What is shown of all parts if `time` is shown.
     fn poses(&self, time: f64) -> [Option<Pose>; 6] {
-        std::array::from_fn(|k| {
-            let pose = self.motion(k, time)?.pose;
-            let (shift, turn) = &self.tracked[k].offset;
-            Some(Pose::from_parts((pose.translation.vector + shift).into(), turn * pose.rotation))
-        })
+        std::array::from_fn(|k| Some(self.parts[k].shown(&self.motion(k, time)?.pose)))
     }
 
-    /// Sets the offsets so that at `time` everything is shown where it was before the news.
-    fn absorb(&mut self, before: &[Option<Pose>; 6], time: f64) {
-        for (k, before) in before.iter().enumerate() {
-            let known = self.motion(k, time);
-            let tracked = &mut self.tracked[k];
-            tracked.offset = match (before, known) {
-                // Without weight nobody is pulled: straight to the new place.
-                (Some(before), Some(known)) if tracked.weight > 0.0 => {
-                    (before.translation.vector - known.pose.translation.vector, before.rotation * known.pose.rotation.inverse())
-                }
-                _ => (Vec3::zeros(), Rot::identity()),
-            };
-        }
+    /// What the weights may be now.
+    fn allowed_weights(&self) -> [f64; 6] {
+        let now = self.shown.map_or(f64::INFINITY, |(_, at)| self.clock.tracker_time(at));
+        // The next frame is not missing before it is due, and one that was lost is nothing to let go for.
+        let silence = (2.0 * self.clock.period() + self.clock.jitter()).min(LONGEST_SILENCE);
+        std::array::from_fn(|k| self.parts[k].allowed_weight(now, silence, &self.options))
     }
 
-    /// Lets offsets fade and moves weights; `tracker_now` without the delay.
-    fn fade(&mut self, dt: f64, tracker_now: f64) {
-        let keep = (-dt / self.options.catch).exp();
-        for tracked in &mut self.tracked {
-            let (shift, turn) = &mut tracked.offset;
-            *shift *= keep;
-            *turn = Rot::from_scaled_axis(turn.scaled_axis() * keep);
-            let allowed = tracked.track.newest().map_or(0.0, |newest| allowed_weight(tracker_now - newest, &self.options));
-            let rise = if tracked.seen { dt / self.options.catch } else { 0.0 };
-            tracked.weight = (tracked.weight + rise).min(allowed);
-        }
-    }
-
-    fn target(&self, k: usize, time: f64) -> Option<Target> {
+    fn target(&self, k: usize, time: f64, allowed: f64) -> Option<Target> {
         let motion = self.motion(k, time)?;
-        let Tracked { offset: (shift, turn), weight, pad_radius, seen, ref track, .. } = self.tracked[k];
-        let now = self.shown.map_or(time, |(_, at)| self.clock.tracker_time(at));
-        let allowed = allowed_weight(now - track.newest()?, &self.options);
+        let part = &self.parts[k];
         let state = match allowed {
-            1.0 if seen => TargetState::Live,
+            1.0 if part.seen => TargetState::Live,
             1.0 => TargetState::Held,
             w if w > 0.0 => TargetState::Fading,
             _ => TargetState::Lost,
         };
-        let catch = self.options.catch;
+        let (linear, angular) = part.fading(self.options.catch);
         Some(Target {
-            pose: Pose::from_parts((motion.pose.translation.vector + shift).into(), turn * motion.pose.rotation),
-            linear_velocity: motion.linear - shift / catch,
-            angular_velocity: motion.angular - turn.scaled_axis() / catch,
-            weight,
-            pad_radius,
+            pose: part.shown(&motion.pose),
+            linear_velocity: motion.linear + linear,
+            angular_velocity: motion.angular + angular,
+            weight: part.weight,
+            pad_radius: part.pad_radius.1,
             state,
         })
     }
 }
 
-/// Weight that something may have that was not seen for so long, s.
-fn allowed_weight(unseen: f64, options: &TrackingOptions) -> f64 {
-    let over = unseen - options.hold;
-    if over <= 0.0 {
-        1.0
-    } else if over >= options.fade {
-        0.0
-    } else {
-        1.0 - over / options.fade
-    }
+/// Poses of what a frame sees: five fingers, and the palm.
+fn seen_parts(frame: &HandFrame) -> [Option<Pose>; 6] {
+    let palm = frame.palm.filter(|palm| palm.tracked).map(|palm| palm.pose);
+    std::array::from_fn(|k| if k == PALM { palm } else { frame.fingers[k].filter(|finger| finger.tracked).map(|finger| finger.tip) })
 }
 
-fn check_finite(frame: &HandFrame) -> Result<()> {
-    let palm = frame.palm.iter().filter(|palm| palm.tracked).map(|palm| &palm.pose);
-    let tips = frame.tracked_fingers().map(|(_, finger)| &finger.tip);
-    let numbers = |pose: &Pose| [pose.translation.vector.sum(), pose.rotation.coords.sum()];
-    let radii = frame.fingers.iter().flatten().map(|finger| finger.pad_radius);
-    let all = palm.chain(tips).flat_map(numbers).chain(radii).chain([frame.time, frame.arrival]);
-    for x in all {
+fn check_frame(frame: &HandFrame) -> Result<()> {
+    for x in seen_parts(frame).iter().flatten().flat_map(|pose| [pose.translation.vector.sum(), pose.rotation.coords.sum()]) {
         if !x.is_finite() {
             return Err(Error::value("hand frame", "finite numbers", x, "leave out what is not tracked"));
         }
     }
-    Ok(())
+    for finger in frame.fingers.iter().flatten() {
+        check_within("pad_radius", finger.pad_radius, 0.0, 0.1, "m")?;
+    }
+    check_within("time", frame.time, -LATEST, LATEST, "s")?;
+    check_within("arrival", frame.arrival, -LATEST, LATEST, "s")
 }

@@ -3,8 +3,8 @@
 use crate::{Pose, Rot, Vec3};
 use std::collections::VecDeque;
 
-/// Poses that are kept: a quarter of a second at 500 Hz.
-const KEPT: usize = 128;
+/// Poses that are kept: two seconds at 500 Hz, enough for the longest delay.
+const KEPT: usize = 1024;
 /// Half width of the window in which velocities are fitted, s. Noise of 0.3 mm at 500 Hz would else be 0.2 m/s.
 const HALF_WINDOW: f64 = 0.04;
 
@@ -31,17 +31,22 @@ impl Motion {
 #[derive(Debug, Clone)]
 pub(super) struct Track {
     samples: VecDeque<(f64, Pose)>,
+    /// What is older than this, s, belongs to another place.
+    since: f64,
 }
 
 impl Default for Track {
     fn default() -> Self {
-        Self { samples: VecDeque::with_capacity(KEPT + 1) }
+        Self { samples: VecDeque::with_capacity(KEPT + 1), since: f64::NEG_INFINITY }
     }
 }
 
 impl Track {
     /// Puts a pose in its place in time. Duplicates and what is older than all that is kept are dropped.
     pub fn insert(&mut self, time: f64, pose: Pose) {
+        if time < self.since {
+            return;
+        }
         let place = self.samples.partition_point(|&(t, _)| t < time);
         let twin = |k: usize| self.samples.get(k).is_some_and(|&(t, _)| (t - time).abs() < 1e-7);
         if twin(place) || (place > 0 && twin(place - 1)) || (place == 0 && self.samples.len() == KEPT) {
@@ -55,11 +60,37 @@ impl Track {
 
     pub fn clear(&mut self) {
         self.samples.clear();
+        self.since = f64::NEG_INFINITY;
+    }
+
+    /// Forgets what was before `time` unless the motion may have gone on over it: `plausible` is told the time between the poses on both sides, where
+    /// the first would have gone, and the second. Whether it forgot.
+    pub fn split(&mut self, time: f64, plausible: impl Fn(f64, &Pose, &Pose) -> bool) -> bool {
+        let place = self.samples.partition_point(|&(t, _)| t < time);
+        if place == 0 || place == self.samples.len() {
+            return false;
+        }
+        let ((t0, before), (t1, after)) = (self.samples[place - 1], self.samples[place]);
+        let start = self.samples.partition_point(|&(t, _)| t < t0 - HALF_WINDOW);
+        let (linear, angular) = self.slope(start.min(place.saturating_sub(2)), place);
+        let position = before.translation.vector + linear * (t1 - t0);
+        let predicted = Pose::from_parts(position.into(), Rot::from_scaled_axis(angular * (t1 - t0)) * before.rotation);
+        let parted = !plausible(t1 - t0, &predicted, &after);
+        if parted {
+            self.samples.drain(..place);
+            self.since = time;
+        }
+        parted
     }
 
     /// The newest pose.
     pub fn last(&self) -> Option<Pose> {
         self.samples.back().map(|&(_, pose)| pose)
+    }
+
+    /// Time of the oldest pose that is kept.
+    pub fn oldest(&self) -> Option<f64> {
+        self.samples.front().map(|&(time, _)| time)
     }
 
     /// Time of the newest pose.
@@ -100,8 +131,13 @@ impl Track {
             let after = self.samples.partition_point(|&(t, _)| t <= time).clamp(1, count - 1);
             (from, to) = (after - 1, after + 1);
         }
+        self.slope(from, to)
+    }
+
+    /// Least-squares slope of the positions `from..to`, and the mean turn from the first to the last of them; zero for a single one.
+    fn slope(&self, from: usize, to: usize) -> (Vec3, Vec3) {
         let window = || self.samples.range(from..to);
-        let n = (to - from) as f64;
+        let (n, time) = ((to - from) as f64, self.samples[from].0);
         let middle = window().map(|&(t, _)| t - time).sum::<f64>() / n;
         let mean = window().map(|(_, pose)| pose.translation.vector).sum::<Vec3>() / n;
         let (mut slope, mut spread) = (Vec3::zeros(), 0.0);

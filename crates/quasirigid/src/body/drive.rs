@@ -1,7 +1,8 @@
 //! The damped spring that pulls a free body to a pose given from outside: a tracked hand, a recorded path.
 
-use crate::error::{Error, Result, check_finite, check_non_negative};
-use crate::math::{Mat3, Mat6, Pose, Real, Vec3, Vec6, pose_is_finite};
+use super::rigid::check_pose;
+use crate::error::{Result, check_finite, check_non_negative};
+use crate::math::{Mat3, Mat6, Pose, Real, Vec3, Vec6};
 
 /// A damped spring in six directions between a free body and a target pose, taken implicitly.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,9 +33,7 @@ impl PoseDrive {
     /// # Errors
     /// As said.
     pub fn check(&self) -> Result<()> {
-        if !pose_is_finite(&self.target) {
-            return Err(Error::value("target of the drive", "a finite pose", "a pose with NaN or infinity", "check the tracker data"));
-        }
+        check_pose("target of the drive", &self.target)?;
         check_finite("target velocity of the drive", self.target_velocity.iter())?;
         check_non_negative("translational stiffness of the drive", self.stiffness[0], "N/m")?;
         check_non_negative("rotational stiffness of the drive", self.stiffness[1], "N m/rad")?;

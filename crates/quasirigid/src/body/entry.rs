@@ -25,12 +25,21 @@ impl BodyEntry {
         if self.quarantined { None } else { self.skin.as_ref() }
     }
 
-    /// Displacement in this step, before contact forces, of the material point at `point` (world, m): free motion and prescribed motion.
+    /// Displacement in this step, before contact forces, of the material point at `point` (world, m), all to first order: free motion and prescribed motion. For how far
+    /// things may get; what a pair does is [`crate::collision::Pair::free_displacement`].
     pub fn free_displacement(&self, free: &FreeMotion, point: &Vec3) -> Vec3 {
-        let prescribed = self.body.prescribed_displacement(self.skin_link, point);
+        let prescribed = self.body.prescribed_displacement(point);
         if free.dof == 0 {
             return prescribed;
         }
         self.body.point_jacobian(self.skin_link, point) * free.displacement + prescribed
+    }
+
+    /// Displacement in this step, before contact forces, that is not in [`FreeMotion::expected`]: all of that of a free body, none of a fixed one.
+    pub fn unexpected_displacement(&self, free: &FreeMotion, point: &Vec3) -> Vec3 {
+        if free.dof == 0 {
+            return Vec3::zeros();
+        }
+        self.body.point_jacobian(self.skin_link, point) * (free.displacement - free.expected.joints)
     }
 }

@@ -140,6 +140,18 @@ impl Finger {
         &self.kinematics.links[link]
     }
 
+    /// Where a link frame will be after the next step if the joints turn by `joints` (rad).
+    pub(crate) fn link_pose_after(&self, link: usize, joints: &Vec6) -> Pose {
+        let mut after = Kinematics::default();
+        forward_kinematics(
+            &self.model,
+            self.base_target.as_ref().unwrap_or(&self.state.base),
+            &(self.state.positions + joints),
+            &mut after,
+        );
+        after.links[link]
+    }
+
     /// Puts the joints elsewhere at once, at rest. Targets stay as they are.
     ///
     /// # Errors
@@ -187,26 +199,13 @@ impl Finger {
         Ok(())
     }
 
-    /// Moves the hand frame to `target` during the next step, carrying the finger and what it holds.
+    /// Moves the hand frame to `target` during the next step, carrying the finger and what it holds; for [`crate::World::move_hand_to`], which moves all fingers of a hand.
     ///
     /// # Errors
     /// A pose that is not finite.
-    pub fn move_base_to(&mut self, target: Pose) -> Result<()> {
+    pub(crate) fn move_base_to(&mut self, target: Pose) -> Result<()> {
         check_pose("target of the base", &target)?;
         self.base_target = Some(target);
-        Ok(())
-    }
-
-    /// Puts the hand frame elsewhere at once, at rest: no displacement in a step, nothing is carried along.
-    ///
-    /// # Errors
-    /// A pose that is not finite.
-    pub fn set_base_pose(&mut self, pose: Pose) -> Result<()> {
-        check_pose("base of the finger", &pose)?;
-        self.state.base = pose;
-        self.state.base_linear_velocity = Vec3::zeros();
-        self.state.base_angular_velocity = Vec3::zeros();
-        self.update_kinematics();
         Ok(())
     }
 

@@ -19,6 +19,9 @@ use crate::math::{Real, Vec3};
 /// with friction*, IEEE Trans. Automatic Control 40 (1995).
 pub const USUAL_STRIBECK_VELOCITY: Real = 1e-3;
 
+/// Larger coefficients are mistakes, and their squares are not far from where numbers end.
+const MOST_FRICTION: Real = 1e6;
+
 /// Ratios of the two axes of an ellipse that are accepted. Beyond, the tangential rows of the contact problem would differ by more than the solver's precision allows for.
 const RATIOS: std::ops::RangeInclusive<Real> = 0.01..=100.0;
 
@@ -99,6 +102,14 @@ impl Friction {
     /// direction of it that is no unit vector.
     pub fn check(&self) -> Result<()> {
         check_non_negative("friction coefficient", self.static_coefficient, "-")?;
+        if self.static_coefficient > MOST_FRICTION {
+            return Err(Error::value(
+                "friction coefficient",
+                format!("at most {MOST_FRICTION:e}"),
+                self.static_coefficient,
+                "10 is glue already",
+            ));
+        }
         check_non_negative("kinetic friction coefficient", self.kinetic_coefficient, "-")?;
         if self.kinetic_coefficient > self.static_coefficient {
             return Err(Error::value(

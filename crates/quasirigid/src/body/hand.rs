@@ -158,8 +158,8 @@ impl HandModel {
         &self.tips
     }
 
-    /// The fingers as bodies at rest, straight as far as their limits allow, the hand frame at `pose` in the world. They are
-    /// moved together: give every one the same [`Finger::move_base_to`].
+    /// The fingers as bodies at rest, straight as far as their limits allow, the hand frame at `pose` in the world. In a
+    /// world they are moved together, by [`crate::World::move_hand_to`].
     ///
     /// # Errors
     /// A pose that is not finite; see [`Finger::new`].

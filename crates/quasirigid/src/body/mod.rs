@@ -122,9 +122,9 @@ impl Body {
     /// Displacement (m, world) in this step of the material point at `point`, due to motion that is told from outside: a fixed
     /// body on its way to its target, or the base of a finger.
     ///
-    /// It is linear in the motion, `t + theta x (p - o)`, o the origin of what moves: as linear as `J dx` is, so that parts that
-    /// turn together agree.
-    pub fn prescribed_displacement(&self, _link: usize, point: &Vec3) -> Vec3 {
+    /// To first order in the motion, `t + theta x (p - o)`, o the origin of what moves: how far it may get. What a contact problem is made of is
+    /// [`crate::collision::Carried`].
+    pub fn prescribed_displacement(&self, point: &Vec3) -> Vec3 {
         let ((translation, theta), origin) = match self {
             Body::Rigid(body) => (body.prescribed_motion(), body.pose().translation.vector),
             Body::Finger(finger) => (finger.prescribed_motion(), finger.base_pose().translation.vector),

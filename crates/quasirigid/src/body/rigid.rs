@@ -40,6 +40,8 @@ pub struct RigidBody {
     mobility: Mobility,
     state: RigidState,
     viscosity: [Real; 2],
+    /// Whether the viscosity is the default for the mass, and follows it.
+    viscosity_of_mass: bool,
     external_force: Vec3,
     external_torque: Vec3,
     drive: Option<PoseDrive>,
@@ -53,11 +55,11 @@ impl RigidBody {
     /// # Errors
     /// A pose that is not finite.
     pub fn free(name: impl Into<String>, mass: MassProperties, motion: Motion, pose: Pose) -> Result<Self> {
-        let viscosity = match motion {
-            Motion::Inertial => [0.0, 0.0],
-            Motion::QuasiStatic => [mass.mass() / DEFAULT_VISCOUS_TIME, mass.inertia().trace() / 3.0 / DEFAULT_VISCOUS_TIME],
-        };
-        Self::new(name, mass, Mobility::Free(motion), pose, viscosity)
+        let mut body = Self::new(name, mass, Mobility::Free(motion), pose)?;
+        if motion == Motion::QuasiStatic {
+            (body.viscosity, body.viscosity_of_mass) = (default_viscosity(&mass), true);
+        }
+        Ok(body)
     }
 
     /// A fixed body. Contacts do not move it; [`RigidBody::move_to`] does.
@@ -67,14 +69,24 @@ impl RigidBody {
     pub fn fixed(name: impl Into<String>, pose: Pose) -> Result<Self> {
         // A fixed body has no use for its mass; one kilogram keeps every accessor total.
         let mass = MassProperties::new(1.0, Vec3::zeros(), Mat3::identity())?;
-        Self::new(name, mass, Mobility::Fixed, pose, [0.0, 0.0])
+        Self::new(name, mass, Mobility::Fixed, pose)
     }
 
-    fn new(name: impl Into<String>, mass: MassProperties, mobility: Mobility, pose: Pose, viscosity: [Real; 2]) -> Result<Self> {
+    fn new(name: impl Into<String>, mass: MassProperties, mobility: Mobility, pose: Pose) -> Result<Self> {
         check_pose("pose of the body", &pose)?;
         let state = RigidState { pose, linear_velocity: Vec3::zeros(), angular_momentum: Vec3::zeros(), angular_velocity: Vec3::zeros() };
-        let (external_force, external_torque) = (Vec3::zeros(), Vec3::zeros());
-        Ok(Self { name: name.into(), mass, mobility, state, viscosity, external_force, external_torque, drive: None, target_pose: None })
+        Ok(Self {
+            name: name.into(),
+            mass,
+            mobility,
+            state,
+            viscosity: [0.0, 0.0],
+            viscosity_of_mass: false,
+            external_force: Vec3::zeros(),
+            external_torque: Vec3::zeros(),
+            drive: None,
+            target_pose: None,
+        })
     }
 
     /// What the body is called.
@@ -92,14 +104,19 @@ impl RigidBody {
         &self.mass
     }
 
-    /// Gives the body another mass, centre of mass and inertia; pose and velocities stay.
+    /// Gives the body another mass, centre of mass and inertia; pose and motion stay: the velocity is that of the new centre. A default viscosity follows the mass, one that
+    /// was chosen stays.
     ///
     /// # Errors
     /// A fixed body, which has no mass.
     pub fn set_mass_properties(&mut self, mass: MassProperties) -> Result<()> {
         self.refuse_fixed("mass", "a fixed body has none")?;
-        let angular = self.angular_velocity();
+        let (angular, center) = (self.angular_velocity(), self.center_of_mass());
         self.mass = mass;
+        if self.viscosity_of_mass {
+            self.viscosity = default_viscosity(&mass);
+        }
+        self.state.linear_velocity += angular.cross(&(self.center_of_mass() - center));
         self.state.angular_momentum = self.world_inertia() * angular;
         Ok(())
     }
@@ -169,14 +186,21 @@ impl RigidBody {
         self.target_pose.as_ref()
     }
 
-    /// Puts the body elsewhere at once: no displacement in a step, no friction with what it touches. To carry things along,
-    /// use [`RigidBody::move_to`].
+    /// Puts the body elsewhere at once: no displacement in a step, no friction with what it touches. A free body keeps its velocities, world axes; a fixed one is at rest and
+    /// forgets where it was told to go. To carry things along, use [`RigidBody::move_to`].
     ///
     /// # Errors
     /// A pose that is not finite.
     pub fn set_pose(&mut self, pose: Pose) -> Result<()> {
         check_pose("pose of the body", &pose)?;
+        let angular = self.angular_velocity();
         self.state.pose = pose;
+        if self.mobility == Mobility::Fixed {
+            self.target_pose = None;
+            (self.state.linear_velocity, self.state.angular_velocity) = (Vec3::zeros(), Vec3::zeros());
+        } else {
+            self.state.angular_momentum = self.world_inertia() * angular;
+        }
         Ok(())
     }
 
@@ -203,7 +227,7 @@ impl RigidBody {
         let check = if self.mobility == Mobility::Free(Motion::QuasiStatic) { check_positive } else { check_non_negative };
         check("linear viscosity", linear, "N s/m")?;
         check("angular viscosity", angular, "N m s/rad")?;
-        self.viscosity = [linear, angular];
+        (self.viscosity, self.viscosity_of_mass) = ([linear, angular], false);
         Ok(())
     }
 
@@ -309,6 +333,11 @@ impl RigidBody {
     }
 }
 
+/// `m / 0.05 s`, and the same with the mean moment of inertia.
+fn default_viscosity(mass: &MassProperties) -> [Real; 2] {
+    [mass.mass() / DEFAULT_VISCOUS_TIME, mass.inertia().trace() / 3.0 / DEFAULT_VISCOUS_TIME]
+}
+
 /// Translation of the origin (m) and rotation vector (rad, world) that take one pose to another.
 pub(crate) fn displacement_between(start: &Pose, end: &Pose) -> (Vec3, Vec3) {
     (end.translation.vector - start.translation.vector, (end.rotation * start.rotation.inverse()).scaled_axis())
@@ -320,4 +349,51 @@ pub(crate) fn check_pose(what: &str, pose: &Pose) -> Result<()> {
         return Ok(());
     }
     Err(Error::value(what, "finite position and quaternion", "a pose with NaN or infinity", "check where the pose comes from"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::body::Amount;
+
+    fn cuboid(mass: Real) -> MassProperties {
+        MassProperties::cuboid(Vec3::new(0.02, 0.04, 0.08), Amount::Mass(mass)).unwrap()
+    }
+
+    #[test]
+    fn another_mass_changes_no_motion_and_a_viscosity_only_if_nobody_chose_it() {
+        let mut body = RigidBody::free("body", cuboid(0.2), Motion::QuasiStatic, Pose::identity()).unwrap();
+        body.set_mass_properties(cuboid(2.0)).unwrap();
+        let made = RigidBody::free("body", cuboid(2.0), Motion::QuasiStatic, Pose::identity()).unwrap();
+        assert_eq!(body.viscosity(), made.viscosity());
+        body.set_viscosity(1.0, 2.0).unwrap();
+        body.set_mass_properties(cuboid(0.2)).unwrap();
+        assert_eq!(body.viscosity(), [1.0, 2.0]);
+
+        // The velocity of a point of the body: that of the centre and the spin about it.
+        let mut body = RigidBody::free("body", cuboid(0.2), Motion::Inertial, Pose::identity()).unwrap();
+        body.set_velocity(Vec3::x(), Vec3::new(3.0, 1.0, 2.0)).unwrap();
+        let at_origin = |body: &RigidBody| body.linear_velocity() - body.angular_velocity().cross(&body.center_of_mass());
+        let before = at_origin(&body);
+        let aside = cuboid(0.3).transformed(&Pose::translation(0.01, 0.02, -0.03)).unwrap();
+        body.set_mass_properties(aside).unwrap();
+        assert!((at_origin(&body) - before).norm() < 1e-15, "{:?} against {before:?}", at_origin(&body));
+    }
+
+    #[test]
+    fn a_body_that_is_put_elsewhere_goes_nowhere_else() {
+        let mut fixed = RigidBody::fixed("fixed", Pose::identity()).unwrap();
+        fixed.move_to(Pose::translation(0.1, 0.0, 0.0)).unwrap();
+        fixed.set_pose(Pose::translation(0.0, 0.2, 0.0)).unwrap();
+        assert_eq!(fixed.prescribed_motion(), (Vec3::zeros(), Vec3::zeros()));
+
+        let mut free = RigidBody::free("free", cuboid(0.2), Motion::Inertial, Pose::identity()).unwrap();
+        free.set_velocity(Vec3::x(), Vec3::z()).unwrap();
+        free.set_pose(Pose::rotation(Vec3::new(1.0, 0.5, 0.0))).unwrap();
+        assert!(
+            (free.angular_velocity() - Vec3::z()).norm() < 1e-12 && *free.linear_velocity() == Vec3::x(),
+            "{:?}",
+            free.angular_velocity()
+        );
+    }
 }

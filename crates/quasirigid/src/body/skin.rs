@@ -1,4 +1,7 @@
 //! The surface of a body as it is now: material, elastic displacement, deformed points and the spheres around them.
+//!
+//! Displacements of control points follow in every step. Points and spheres are worked out when somebody looks: the spheres when a pair of bodies is traversed anew, the
+//! points when they are asked for. In between [`Skin::travel`] bounds how far any point has gone.
 
 use crate::body::material::{ComplianceModel, Material};
 use crate::error::Result;
@@ -29,9 +32,7 @@ pub struct Skin {
     pub compliance: Compliance,
     /// Elastic displacement of each control point, all patches together, body frame, m.
     pub displacement: Vec<Vec3>,
-    /// Deformed points, tree order, body frame, m.
-    pub deformed: Vec<Vec3>,
-    /// Spheres of the tree's nodes, around the deformed points.
+    /// Spheres of the tree's nodes, around the deformed points as of the last [`Skin::refit`].
     pub spheres: Vec<Sphere>,
     displaced: Vec<u32>,
     dirty_leaves: Vec<u32>,
@@ -39,14 +40,19 @@ pub struct Skin {
     shown: Vec<Vec3>,
     shown_list: Vec<u32>,
     is_shown: Vec<bool>,
+    /// Control points whose shown displacement has changed since the last refit.
     changed: Vec<u32>,
+    is_changed: Vec<bool>,
+    leaf_points: Vec<Vec3>,
     leaf_mark: Vec<u64>,
     node_mark: Vec<u64>,
     dirty_nodes: Vec<u32>,
     mark: u64,
-    inflation: Real,
-    /// Sum over all steps of the farthest that any leaf's sphere moved or grew, m: what remembers where spheres were compares with this.
+    inflation: (Real, u32),
+    /// Sum over all steps of the farthest that any point moved, m: what remembers where the surface was compares with this.
     pub travel: Real,
+    /// `travel` at the last refit.
+    fitted: Real,
 }
 
 impl Skin {
@@ -61,20 +67,24 @@ impl Skin {
         Ok(Self {
             compliance,
             displacement: vec![Vec3::zeros(); surface.control.len()],
-            deformed: surface.points.clone(),
             spheres,
             displaced: Vec::with_capacity(leaves),
             dirty_leaves: Vec::with_capacity(leaves),
             shown: vec![Vec3::zeros(); leaves],
             shown_list: Vec::with_capacity(leaves),
             is_shown: vec![false; leaves],
-            changed: Vec::with_capacity(2 * leaves),
+            changed: Vec::with_capacity(leaves),
+            is_changed: vec![false; leaves],
+            leaf_points: Vec::with_capacity(
+                surface.tree.nodes.iter().filter(|n| n.children.is_none()).map(|n| n.point_count as usize).max().unwrap_or(0),
+            ),
             leaf_mark: vec![0; leaves],
             node_mark: vec![0; surface.tree.nodes.len()],
             dirty_nodes: Vec::with_capacity(surface.tree.nodes.len()),
             mark: 0,
-            inflation: 0.0,
+            inflation: (0.0, 0),
             travel: 0.0,
+            fitted: 0.0,
             surface,
             material,
         })
@@ -97,12 +107,51 @@ impl Skin {
     /// The points that are displaced, in the caller's numbering, and where they are, body frame, m.
     pub fn moved_points(&self) -> (Vec<u32>, Vec<Vec3>) {
         let surface = &self.surface;
-        let leaves = self.shown_list.iter().flat_map(|c| std::iter::once(c).chain(surface.leaf_neighbours.row(*c as usize)));
-        let mut leaves: Vec<u32> = leaves.copied().collect();
+        let points = self.moved_leaves().into_iter().flat_map(|leaf| surface.tree.leaf(leaf as usize).points());
+        points
+            .map(|k| (k, surface.points[k] + self.displacement_of(k)))
+            .filter(|(k, p)| *p != surface.points[*k])
+            .map(|(k, p)| (surface.order[k], p))
+            .unzip()
+    }
+
+    /// Where the points are, tree order, body frame, m (eq. 8).
+    pub fn deformed_points(&self) -> Vec<Vec3> {
+        let mut points = self.surface.points.clone();
+        for leaf in self.moved_leaves() {
+            for k in self.surface.tree.leaf(leaf as usize).points() {
+                points[k] += self.displacement_of(k);
+            }
+        }
+        points
+    }
+
+    /// Leaves some of whose points may be displaced, in order.
+    fn moved_leaves(&self) -> Vec<u32> {
+        let neighbours = &self.surface.leaf_neighbours;
+        let mut leaves: Vec<u32> =
+            self.shown_list.iter().flat_map(|c| std::iter::once(c).chain(neighbours.row(*c as usize))).copied().collect();
         leaves.sort_unstable();
         leaves.dedup();
-        let points = leaves.iter().flat_map(|&leaf| surface.tree.leaf(leaf as usize).points());
-        points.filter(|&k| self.deformed[k] != surface.points[k]).map(|k| (surface.order[k], self.deformed[k])).unzip()
+        leaves
+    }
+
+    /// Elastic displacement of a point, tree order: `u = sum theta_k u_k` over control points near it, with weights that are positive and add up to 1 (eq. 8).
+    #[inline]
+    fn displacement_of(&self, point: usize) -> Vec3 {
+        let entries = self.surface.interpolation.range(point);
+        let weights = &self.surface.interpolation_weights[entries.clone()];
+        let mut u = Vec3::zeros();
+        for (&control_point, &weight) in self.surface.interpolation.index[entries].iter().zip(weights) {
+            u += self.shown[control_point as usize] * Real::from(weight);
+        }
+        u
+    }
+
+    /// A sphere around the whole surface as it is now, refitted or not.
+    pub fn bounding_sphere(&self) -> Sphere {
+        let root = self.spheres[0];
+        Sphere { radius: root.radius + (self.travel - self.fitted), ..root }
     }
 
     /// Share of the elastic displacement that is left after one step without force: `alpha = tau/(tau + dt)`.
@@ -126,12 +175,21 @@ impl Skin {
         *total += u;
     }
 
-    /// Moves the surface points that displaced control points reach (eq. 8) and refits the spheres above them, bottom-up, to `params.refit_level`.
+    /// Takes over the displacements, where they have changed by more than the threshold. Points and spheres follow when somebody looks.
     pub fn deform(&mut self, params: &Parameters) {
+        self.travel += self.show_changed(params.deformation_threshold);
+    }
+
+    /// Refits the spheres around the surface points that displaced control points reach (eq. 8), bottom-up, to `params.refit_level`.
+    pub fn refit(&mut self, params: &Parameters) {
+        if self.changed.is_empty() {
+            return;
+        }
+        self.fitted = self.travel;
         self.mark += 1;
-        let largest = self.find_changed(params.deformation_threshold);
         self.dirty_leaves.clear();
-        for &c in &self.changed {
+        for c in self.changed.drain(..) {
+            self.is_changed[c as usize] = false;
             for &leaf in std::iter::once(&c).chain(self.surface.leaf_neighbours.row(c as usize)) {
                 if self.leaf_mark[leaf as usize] != self.mark {
                     self.leaf_mark[leaf as usize] = self.mark;
@@ -140,31 +198,27 @@ impl Skin {
             }
         }
         self.dirty_nodes.clear();
-        let mut farthest: Real = 0.0;
-        for &leaf in &self.dirty_leaves {
+        let mut points = std::mem::take(&mut self.leaf_points);
+        for i in 0..self.dirty_leaves.len() {
+            let leaf = self.dirty_leaves[i];
             let index = self.surface.tree.leaves[leaf as usize];
             let node = &self.surface.tree.nodes[index as usize];
-            let (mut shift, mut spread): (Vec3, Real) = (Vec3::zeros(), 0.0);
+            let mut shift = Vec3::zeros();
+            points.clear();
             for k in node.points() {
-                let mut u = Vec3::zeros();
-                for e in self.surface.interpolation.range(k) {
-                    let weight = Real::from(self.surface.interpolation_weights[e]);
-                    u += self.shown[self.surface.interpolation.index[e] as usize] * weight;
-                }
-                self.deformed[k] = self.surface.points[k] + u;
+                let u = self.displacement_of(k);
+                points.push(self.surface.points[k] + u);
                 shift += u;
             }
             let center = node.center + shift / node.point_count as Real;
-            for k in node.points() {
-                spread = spread.max((self.deformed[k] - center).norm());
-            }
-            let radius = spread + self.surface.leaf_gaps[leaf as usize];
-            let before = std::mem::replace(&mut self.spheres[index as usize], Sphere { center, radius });
-            farthest = farthest.max((center - before.center).norm() + (radius - before.radius).max(0.0));
+            let spread2 = points.iter().map(|p| (p - center).norm_squared()).fold(0.0, Real::max);
+            let radius = spread2.sqrt() + self.surface.leaf_gaps[leaf as usize];
+            self.spheres[index as usize] = Sphere { center, radius };
             mark_up(&self.surface, index, self.mark, params.refit_level, &mut self.node_mark, &mut self.dirty_nodes);
         }
-        self.travel += farthest;
-        self.refit(largest, params.refit_level);
+        self.leaf_points = points;
+        let largest = self.shown_list.iter().map(|&c| self.shown[c as usize].norm_squared()).fold(0.0, Real::max).sqrt();
+        self.refit_above(largest, params.refit_level);
     }
 
     /// Outward unit normals of the deformed points, tree order, body frame: where points have moved, those of the implicit surface through
@@ -173,20 +227,14 @@ impl Skin {
     /// For whoever looks at the surface; nothing in a step needs them, so a step does not pay for them.
     pub fn deformed_normals(&self) -> Vec<Vec3> {
         let surface = &self.surface;
-        let mut normals = surface.normals.clone();
-        let mut moved = vec![false; surface.tree.leaves.len()];
-        for &c in &self.shown_list {
-            for &leaf in std::iter::once(&c).chain(surface.leaf_neighbours.row(c as usize)) {
-                moved[leaf as usize] = true;
-            }
-        }
+        let (mut normals, points) = (surface.normals.clone(), self.deformed_points());
         let mut ranges = Vec::new();
-        for (leaf, _) in moved.iter().enumerate().filter(|(_, moved)| **moved) {
+        for leaf in self.moved_leaves() {
             ranges.clear();
-            surface.border_ranges(leaf, &mut ranges);
-            for k in surface.tree.leaf(leaf).points() {
+            surface.border_ranges(leaf as usize, &mut ranges);
+            for k in surface.tree.leaf(leaf as usize).points() {
                 let facing = -surface.normals[k];
-                let here = evaluate(&self.deformed[k], &self.deformed, &surface.normals, &ranges, &surface.kernel, Some(&facing));
+                let here = evaluate(&points[k], &points, &surface.normals, &ranges, &surface.kernel, Some(&facing));
                 if let Some((_, normal)) = here {
                     normals[k] = normal;
                 }
@@ -195,19 +243,25 @@ impl Skin {
         normals
     }
 
-    /// Control points whose displacement differs from the one shown by more than the threshold; shows them. Returns the largest displacement shown.
-    fn find_changed(&mut self, threshold: Real) -> Real {
-        let Self { displacement, displaced, shown, shown_list, is_shown, changed, .. } = self;
-        changed.clear();
-        for &c in displaced.iter().chain(shown_list.iter()) {
-            let u = displacement[c as usize];
-            if (u - shown[c as usize]).norm_squared() > threshold * threshold {
-                // What has come back within the threshold of rest comes back all the way.
-                shown[c as usize] = if u.norm_squared() > threshold * threshold { u } else { Vec3::zeros() };
+    /// Shows the displacements that differ from those shown by more than the threshold. Returns how far any point has moved by that at most, m.
+    fn show_changed(&mut self, threshold: Real) -> Real {
+        let Self { displacement, displaced, shown, shown_list, is_shown, changed, is_changed, .. } = self;
+        let mut farthest2: Real = 0.0;
+        let already = shown_list.len();
+        for i in 0..displaced.len() + already {
+            let c = if i < displaced.len() { displaced[i] } else { shown_list[i - displaced.len()] };
+            let (u, before) = (displacement[c as usize], shown[c as usize]);
+            if (u - before).norm_squared() <= threshold * threshold {
+                continue;
+            }
+            // What has come back within the threshold of rest comes back all the way.
+            let now = if u.norm_squared() > threshold * threshold { u } else { Vec3::zeros() };
+            shown[c as usize] = now;
+            farthest2 = farthest2.max((now - before).norm_squared());
+            if !is_changed[c as usize] {
+                is_changed[c as usize] = true;
                 changed.push(c);
             }
-        }
-        for &c in changed.iter() {
             if !is_shown[c as usize] {
                 is_shown[c as usize] = true;
                 shown_list.push(c);
@@ -217,10 +271,10 @@ impl Skin {
             is_shown[c as usize] = shown[c as usize] != Vec3::zeros();
             is_shown[c as usize]
         });
-        shown_list.iter().map(|&c| shown[c as usize].norm_squared()).fold(0.0, Real::max).sqrt()
+        farthest2.sqrt()
     }
 
-    fn refit(&mut self, largest: Real, refit_level: u32) {
+    fn refit_above(&mut self, largest: Real, refit_level: u32) {
         // Breadth-first order: children come after their parent, so from the largest index upwards is bottom-up.
         self.dirty_nodes.sort_unstable();
         for &index in self.dirty_nodes.iter().rev() {
@@ -230,8 +284,8 @@ impl Skin {
                 self.spheres[index as usize] = Sphere { center, radius };
             }
         }
-        if largest != self.inflation {
-            self.inflation = largest;
+        if (largest, refit_level) != self.inflation {
+            self.inflation = (largest, refit_level);
             let tree = &self.surface.tree;
             for (node, sphere) in tree.nodes.iter().zip(&mut self.spheres).take_while(|(n, _)| n.level < refit_level) {
                 if node.children.is_some() {

@@ -11,7 +11,7 @@ pub(super) fn reach_of_bodies(bodies: &[BodyEntry], free: &[FreeMotion], reach: 
     reach.extend(bodies.iter().zip(free).map(|(entry, free)| {
         let Some(skin) = entry.active_skin() else { return 0.0 };
         let pose = entry.body.link_pose(entry.skin_link);
-        let root = &skin.spheres[0];
+        let root = skin.bounding_sphere();
         let center = pose * nalgebra::Point3::from(root.center);
         // The displacement field is affine in the point, d(c + r) = d(c) + theta x r: |theta|^2 is half the sum over the axes of |theta x e|^2.
         let at = |p: &Vec3| entry.free_displacement(free, p);
@@ -40,7 +40,7 @@ pub(super) fn near_bodies(bodies: &[BodyEntry], reach: &[Real], params: &Paramet
 }
 
 fn bounding_sphere(entry: &BodyEntry) -> Option<(Vec3, Real)> {
-    let root = &entry.active_skin()?.spheres[0];
+    let root = entry.active_skin()?.bounding_sphere();
     let pose = entry.body.link_pose(entry.skin_link);
     Some(((pose * nalgebra::Point3::from(root.center)).coords, root.radius))
 }

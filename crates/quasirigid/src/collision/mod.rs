@@ -5,12 +5,14 @@
 //! after the free motion, a body at rest would be compared with a place where it never is, and the mismatch of second order would be a creep.
 
 mod broad_phase;
+mod carried;
 mod coarse;
 mod deep;
 mod pair;
 mod projection;
 mod traversal;
 
+pub use carried::Carried;
 pub(crate) use pair::counts_as_rigid;
 pub use pair::{Afar, Pair, PatchSide};
 pub use projection::Remembered;
@@ -88,6 +90,8 @@ pub struct Collision {
     pub coarse: bool,
     /// Time in the sphere trees.
     pub traverse_time: Duration,
+    /// Time to refit them before.
+    pub refit_time: Duration,
     /// Time in projections.
     pub projection_time: Duration,
     reach: Vec<Real>,
@@ -100,7 +104,7 @@ pub struct Collision {
 /// [`Parameters::collision_every`].
 pub(crate) fn collision(
     out: &mut Collision,
-    bodies: &[BodyEntry],
+    bodies: &mut [BodyEntry],
     free: &[FreeMotion],
     pairs: &mut Vec<Pair>,
     friction: &FrictionTable,
@@ -113,13 +117,16 @@ pub(crate) fn collision(
     pair::match_pairs(pairs, &out.near, bodies, friction, params);
     out.traversal.start(pairs.iter().filter(|pair| pair.near).count(), params.traversal_budget);
     for pair in pairs.iter_mut().filter(|pair| pair.near) {
+        let sides = [pair.a as usize, pair.b as usize];
+        pair.carried.renew(sides.map(|side| &bodies[side]), sides.map(|side| &free[side]));
         traversal::traverse(&mut out.traversal, pair, bodies, &out.reach, params);
     }
     out.coarse = out.traversal.coarse;
     let traversed = Instant::now();
     let look = step.is_multiple_of(u64::from(params.collision_every));
     projection::project_control_points(&mut out.projection, pairs, bodies, free, &out.reach, params, look, &mut out.contacts);
-    out.traverse_time = traversed - start;
+    out.refit_time = out.traversal.refit_time;
+    out.traverse_time = traversed - start - out.refit_time;
     out.projection_time = traversed.elapsed();
 }
 
@@ -162,10 +169,10 @@ mod tests {
 
     #[test]
     fn what_is_remembered_is_what_would_be_found_anew() {
-        let ((mut world, object), (mut forgetful, _)) = (scene(), scene());
+        let ((mut world, object), (mut forgetful, forgetful_object)) = (scene(), scene());
         let (mut most, mut projected) = (0, [0, 0]);
         for step in 1..=600 {
-            for (world, projected) in [&mut world, &mut forgetful].into_iter().zip(&mut projected) {
+            for ((world, object), projected) in [(&mut world, object), (&mut forgetful, forgetful_object)].into_iter().zip(&mut projected) {
                 let finger = world.handle_of(world.bodies().len() - 1);
                 world.body_mut(finger).unwrap().move_to(finger_at(step)).unwrap();
                 if step == 400 {
@@ -178,7 +185,8 @@ mod tests {
                 *projected += world.contacts().iter().filter(|contact| contact.projected).count();
             }
             forgetful.pairs.iter_mut().for_each(Pair::look_anew);
-            let [here, there] = [&world, &forgetful].map(|world| *world.body(object).unwrap().pose());
+            let [here, there] =
+                [(&world, object), (&forgetful, forgetful_object)].map(|(world, object)| *world.body(object).unwrap().pose());
             let apart = (here.translation.vector - there.translation.vector).norm() + here.rotation.angle_to(&there.rotation) * 0.02;
             assert!(apart < 1e-7, "step {step}: {apart:e} m apart");
             assert_eq!(world.contacts().len(), forgetful.contacts().len(), "step {step}");

@@ -1,9 +1,10 @@
 //! What two bodies remember of their contact from step to step: reactions for the warm start, elastic displacement.
 
-use super::{Coupling, Remembered};
+use super::{Carried, Coupling, Remembered};
 use crate::body::friction_table::FrictionTable;
 use crate::body::{BodyEntry, PairFriction, Skin};
 use crate::contact_problem::ElasticRows;
+use crate::free_motion::FreeMotion;
 use crate::math::{Real, Vec3};
 use crate::params::Parameters;
 use crate::surface::Weights;
@@ -45,6 +46,8 @@ pub struct Pair {
     pub b: u32,
     /// Whether the broad phase found them near in this step.
     pub near: bool,
+    /// Displacement of the two against each other by motion that is told or goes on, in this step.
+    pub carried: Carried,
     /// Last reaction of each control point of `a`, contact frame, N; zero where there was none.
     pub reaction: Vec<Vec3>,
     /// By how much it is likely to change in the next step, where it was loaded in the last ones, N.
@@ -111,8 +114,18 @@ impl Pair {
         self.beyond.displacement[control_point] + weights.iter().map(|(c, w)| self.side_b.displacement[c] * w).sum::<Vec3>()
     }
 
+    /// Displacement of `a` against `b` (m, world) in this step at a point of both, before contact forces: free motion, and what is told, see [`Carried`]. Affine in the point.
+    pub fn free_displacement(&self, bodies: &[BodyEntry], free: &[FreeMotion], point: &Vec3) -> Vec3 {
+        let [a, b] = [self.a, self.b].map(|body| bodies[body as usize].unexpected_displacement(&free[body as usize], point));
+        a - b + self.carried.displacement(point)
+    }
+
     /// The compliance of one of the two is another from now on; the displacements stay, but those of a `b` that counts as rigid.
     pub(crate) fn compliance_changed(&mut self, rigid_b: bool) {
+        if rigid_b != self.rigid_b {
+            // Feet on a rigid `b` have no weights and are kept for longer.
+            self.look_anew();
+        }
         self.rigid_b = rigid_b;
         self.elastic = ElasticRows::default();
         if rigid_b {
@@ -149,7 +162,11 @@ pub(crate) fn counts_as_rigid(skin_a: &Skin, skin_b: &Skin, params: &Parameters)
 
 /// Marks the pairs that are near and adds those that are new, keeping the list sorted by body indices.
 pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[BodyEntry], table: &FrictionTable, params: &Parameters) {
-    pairs.iter_mut().for_each(|pair| pair.near = false);
+    for pair in pairs.iter_mut() {
+        if !std::mem::replace(&mut pair.near, false) {
+            pair.carried.forget();
+        }
+    }
     for &(i, j) in near {
         let (Some(skin_i), Some(skin_j)) = (bodies[i as usize].active_skin(), bodies[j as usize].active_skin()) else { continue };
         // A pair is sampled once, from the side with the finer control points: counted neither twice nor not at all.
@@ -165,6 +182,7 @@ pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[
                     a,
                     b,
                     near: true,
+                    carried: Carried::none(),
                     reaction: vec![Vec3::zeros(); count_a],
                     trend: vec![Vec3::zeros(); count_a],
                     change: vec![Vec3::zeros(); count_a],

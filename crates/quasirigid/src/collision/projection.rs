@@ -51,13 +51,19 @@ pub struct Remembered {
 }
 
 impl Remembered {
-    /// `leaves` stands for the leaves that the control point is coupled with from now on. What was not there to be seen may be there now if they are others, or if `turned`:
-    /// the bodies have turned against each other, so that other points may face it.
-    pub(super) fn coupled_anew(&mut self, leaves: u32, turned: bool) {
-        if (turned || leaves != self.leaves) && !matches!(self.surface, Seen::Foot { .. }) {
-            *self = Self::default();
+    /// `leaves` stands for the leaves that the control point is coupled with from now on. What was not there to be seen may be there now if they are others.
+    pub(super) fn coupled_anew(&mut self, leaves: u32) {
+        if leaves != self.leaves {
+            self.turned();
         }
         self.leaves = leaves;
+    }
+
+    /// The bodies have turned against each other: other points may face it, and what was not there to be seen may be there now.
+    pub(super) fn turned(&mut self) {
+        if !matches!(self.surface, Seen::Foot { .. }) {
+            *self = Self { leaves: self.leaves, ..Self::default() };
+        }
     }
 }
 
@@ -222,8 +228,7 @@ impl<'a> View<'a> {
         let pose_ba: Pose = pose_b.inverse() * pose_a;
         let matrix = |pose: &Pose| pose.rotation.to_rotation_matrix().into_inner();
         let (turn_b, shift_b) = (matrix(&pose_b), pose_b.translation.vector);
-        let (free_a, free_b) = (&free[pair.a as usize], &free[pair.b as usize]);
-        let approach = |point: &Vec3| turn_b.tr_mul(&(a.free_displacement(free_a, point) - b.free_displacement(free_b, point)));
+        let approach = |point: &Vec3| turn_b.tr_mul(&pair.free_displacement(bodies, free, point));
         let drift = approach(&shift_b);
         let axis = |k: usize| approach(&(shift_b + turn_b.column(k))) - drift;
         Some(Self {
@@ -326,7 +331,9 @@ impl<'a> View<'a> {
         // Where faces meet, the one that the control point has least way to at rest is its own. Seen from where it is pressed to it would stay with a face that it has long passed.
         let at_edge = faces_meet(coupled, self.skin_b).then(|| self.at_rest(control_point));
         let Some((node_b, nearest)) = nearest_node(coupled, self.skin_b, at_edge.as_ref().unwrap_or(x), &normal_a) else {
-            return Remembered { deep: is_deep(coupled, self.skin_b, x), ..nothing() };
+            // Whether anything faces it is a matter of directions alone, so this holds for as long as it stays outside; a turn or other leaves make it look anew.
+            let height = height_over_nearest(coupled, self.skin_b, x).unwrap_or(0.0);
+            return Remembered { deep: height < -DEEP * surface.spacing, holds_for: height.max(slack), ..nothing() };
         };
         if let Some(rest) = &at_edge
             && self.is_past_edge(coupled, rest, nearest, &normal_a)
@@ -415,11 +422,6 @@ fn nearest_node(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_a: &Vec3) -
 /// Whether `x` lies outside, as the nearest point of all coupled nodes sees it, facing or not.
 fn is_outside(coupled: &[Coupled], skin_b: &Skin, x: &Vec3) -> bool {
     height_over_nearest(coupled, skin_b, x).is_some_and(|height| height > 0.0)
-}
-
-/// Whether `x` lies inside, deeper than contact goes, likewise.
-fn is_deep(coupled: &[Coupled], skin_b: &Skin, x: &Vec3) -> bool {
-    height_over_nearest(coupled, skin_b, x).is_some_and(|height| height < -DEEP * skin_b.surface.spacing)
 }
 
 /// Height of `x` over the tangent plane of the nearest point of all coupled nodes, facing or not, m.

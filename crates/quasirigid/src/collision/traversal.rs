@@ -8,6 +8,7 @@ use crate::body::{BodyEntry, Skin, Sphere};
 use crate::math::{Mat3, Pose, Real, Rot, Vec3};
 use crate::params::Parameters;
 use nalgebra::Point3;
+use std::time::{Duration, Instant};
 
 /// A node of `a` and a leaf of `b` that overlap.
 #[derive(Debug, Clone, Copy)]
@@ -68,7 +69,7 @@ impl Coupling {
     /// Whether no control point can have become a contact, though the free motion may take the two nearer to each other by `approach`, m.
     pub(super) fn is_quiet(&mut self, a: u32, b: u32, bodies: &[BodyEntry], approach: Real) -> bool {
         let (Some((since, reach)), Some(skin_a)) = (&self.quiet, bodies[a as usize].active_skin()) else { return false };
-        let quiet = Moment::now(a, b, bodies).moved_since(since, &skin_a.spheres[0]) + approach <= *reach;
+        let quiet = Moment::now(a, b, bodies).moved_since(since, &skin_a.bounding_sphere()) + approach <= *reach;
         if !quiet {
             self.quiet = None;
         }
@@ -86,6 +87,10 @@ impl Coupling {
     }
 }
 
+/// Coupled nodes are kept until the bodies have moved by this many spacings of the coarser control points, if that is more than [`Parameters::traversal_slack`]:
+/// beside spheres of that size the few nodes more that are found are no work.
+const SLACK_SPACINGS: Real = 0.1;
+
 /// Turned by more than this against each other, other points of two surfaces may face each other, rad.
 const TURNED: Real = 0.02;
 
@@ -102,6 +107,8 @@ pub(super) struct Traversal {
     pub coarse: bool,
     /// Sphere tests that each pair may spend.
     share: usize,
+    /// Time in which spheres were refitted.
+    pub refit_time: Duration,
     queue: Vec<(u32, u32)>,
     stack: Vec<u32>,
 }
@@ -109,33 +116,44 @@ pub(super) struct Traversal {
 impl Traversal {
     /// Starts a step in which `pairs` may have to be traversed.
     pub fn start(&mut self, pairs: usize, budget: usize) {
-        self.coarse = false;
+        (self.coarse, self.refit_time) = (false, Duration::ZERO);
         self.share = (budget / pairs.max(1)).max(LEAST);
     }
 }
 
-/// Finds the coupled nodes of one pair, unless those found before still hold: while the two have moved less than the slack they were inflated by,
+/// Finds the coupled nodes of one pair, among spheres that are refitted first, unless those found before still hold: while the two have moved less than the slack they were inflated by,
 /// whatever overlaps now is among them.
-pub(super) fn traverse(out: &mut Traversal, pair: &mut Pair, bodies: &[BodyEntry], reach: &[Real], params: &Parameters) {
-    let (entry_a, entry_b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
-    let (Some(skin_a), Some(skin_b)) = (entry_a.active_skin(), entry_b.active_skin()) else { return };
+pub(super) fn traverse(out: &mut Traversal, pair: &mut Pair, bodies: &mut [BodyEntry], reach: &[Real], params: &Parameters) {
+    let Some(root_a) = bodies[pair.a as usize].active_skin().map(Skin::bounding_sphere) else { return };
     let now = Moment::now(pair.a, pair.b, bodies);
     let needed = params.contact_margin + reach[pair.a as usize] + reach[pair.b as usize];
     let coupling = &mut pair.coupling;
-    let moved = now.moved_since(&coupling.found, &skin_a.spheres[0]);
+    let moved = now.moved_since(&coupling.found, &root_a);
+    let turned = coupling.faced.angle_to(&now.pose_ba.rotation) > TURNED;
+    if turned {
+        (coupling.faced, coupling.quiet) = (now.pose_ba.rotation, None);
+        for c in &coupling.coupled {
+            pair.remembered[c.control_point as usize].turned();
+        }
+    }
     if needed + moved <= coupling.margin && (coupling.searched || !coupling.deep) {
         return;
     }
-    (coupling.margin, coupling.searched, coupling.found, coupling.quiet) = (needed + params.traversal_slack, coupling.deep, now, None);
-    couple(out, pair, skin_a, skin_b);
-    let turned = pair.coupling.faced.angle_to(&now.pose_ba.rotation) > TURNED;
-    if turned {
-        pair.coupling.faced = now.pose_ba.rotation;
+    let start = Instant::now();
+    for body in [pair.a, pair.b] {
+        if let Some(skin) = &mut bodies[body as usize].skin {
+            skin.refit(params);
+        }
     }
+    out.refit_time += start.elapsed();
+    let (Some(skin_a), Some(skin_b)) = (bodies[pair.a as usize].active_skin(), bodies[pair.b as usize].active_skin()) else { return };
+    let slack = params.traversal_slack.max(SLACK_SPACINGS * skin_a.surface.control.spacing.max(skin_b.surface.control.spacing));
+    (coupling.margin, coupling.searched, coupling.found, coupling.quiet) = (needed + slack, coupling.deep, now, None);
+    couple(out, pair, skin_a, skin_b);
     for group in pair.coupling.coupled.chunk_by(|c, d| c.control_point == d.control_point) {
         // FNV-1a over the leaves; 0 stands for none.
         let leaves = group.iter().fold(0x811c_9dc5, |hash: u32, c| (hash ^ c.node_b).wrapping_mul(0x0100_0193));
-        pair.remembered[group[0].control_point as usize].coupled_anew(leaves.max(1), turned);
+        pair.remembered[group[0].control_point as usize].coupled_anew(leaves.max(1));
     }
 }
 
@@ -148,6 +166,7 @@ fn couple(out: &mut Traversal, pair: &mut Pair, skin_a: &Skin, skin_b: &Skin) {
     coupling.coupled.clear();
     let out_coupled = &mut coupling.coupled;
     let (mut coarse, mut tests) = (false, 0);
+    let mut apart = Real::INFINITY;
     out.queue.clear();
     out.queue.push((0, 0));
     let mut next = 0;
@@ -163,7 +182,9 @@ fn couple(out: &mut Traversal, pair: &mut Pair, skin_a: &Skin, skin_b: &Skin) {
         let (sphere_a, sphere_b) = (&skin_a.spheres[na as usize], &skin_b.spheres[nb as usize]);
         let center_a = turn * sphere_a.center + shift;
         let touching = sphere_a.radius + sphere_b.radius + margin;
-        if (center_a - sphere_b.center).norm_squared() > touching * touching {
+        let distance2 = (center_a - sphere_b.center).norm_squared();
+        if distance2 > touching * touching {
+            apart = apart.min(distance2.sqrt() - touching);
             continue;
         }
         let (node_a, node_b) = (&tree_a.nodes[na as usize], &tree_b.nodes[nb as usize]);
@@ -203,6 +224,10 @@ fn couple(out: &mut Traversal, pair: &mut Pair, skin_a: &Skin, skin_b: &Skin) {
         // Near, and no surface near the other: apart, or one inside the other.
         coupling.deep = deep::depth_inside(&mut out.stack, &skin_b.surface, &place(0).0).is_some();
         coupling.searched = coupling.deep;
+        if !coupling.deep {
+            // Nothing can overlap before they are nearer by what parts the nearest two spheres that were looked at.
+            coupling.margin += apart;
+        }
     }
     if coupling.deep {
         coupling.deep = deep::couple_swallowed(&mut out.stack, &mut coupling.coupled, &tree_a.leaves, &skin_b.surface, place);

@@ -121,6 +121,11 @@ pub(super) fn remember(
                 continue;
             }
             let alpha = skin.memory(params.dt);
+            if !matches!(skin.compliance, Compliance::HalfSpace(_)) {
+                // Left from when it was one.
+                decay(&mut pair.beyond, alpha);
+                forget_small(&mut pair.beyond);
+            }
             match &skin.compliance {
                 Compliance::Local(local) => displace_local(&mut pair.side_b, local, alpha, scratch),
                 Compliance::HalfSpace(_) => {
@@ -317,7 +322,7 @@ impl Afar {
     }
 }
 
-/// Sums the patches of every skin, moves its points and refits its spheres.
+/// Sums the patches of every skin.
 pub(super) fn deform_skins(bodies: &mut [BodyEntry], pairs: &[Pair], params: &Parameters) {
     for entry in bodies.iter_mut() {
         if let Some(skin) = &mut entry.skin {

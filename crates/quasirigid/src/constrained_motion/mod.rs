@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 pub struct Scratch {
     /// Dense indices of bodies that became non-finite in this step.
     pub quarantined: Vec<usize>,
-    /// Time to deform points and refit spheres.
+    /// Time to sum the displacements of all patches.
     pub hierarchy_time: Duration,
     deformation: deformation::Scratch,
     forces: Vec<Vec6>,

@@ -42,9 +42,18 @@ pub(super) struct Scratch {
 
 impl Scratch {
     /// Fills the rows of a patch. `turn`: rotation from the link of `b` to that of `a`, whose axes are the elastic axes of the patch; `to_link_b`: from the world
-    /// to the link of `b`.
-    pub fn fill_rows(&mut self, rows: &mut ElasticRows, patch: &[Contact], skins: [&Skin; 2], turn: &Mat3, to_link_b: &Mat3, dt: Real) {
-        self.prepare(patch, skins, turn, to_link_b, dt);
+    /// to the link of `b`; `shares`: `1 - alpha` of either side.
+    pub fn fill_rows(
+        &mut self,
+        rows: &mut ElasticRows,
+        patch: &[Contact],
+        skins: [&Skin; 2],
+        turn: &Mat3,
+        to_link_b: &Mat3,
+        shares: [Real; 2],
+    ) {
+        [self.share_a, self.share_b] = shares;
+        self.prepare(patch, skins, turn, to_link_b);
         for i in 0..patch.len() {
             self.fill_row(rows, i, patch, skins);
         }
@@ -57,9 +66,7 @@ impl Scratch {
     }
 
     /// Indexes the contacts of a patch.
-    fn prepare(&mut self, patch: &[Contact], [skin_a, skin_b]: [&Skin; 2], turn: &Mat3, to_link_b: &Mat3, dt: Real) {
-        self.share_a = 1.0 - skin_a.memory(dt);
-        self.share_b = 1.0 - skin_b.memory(dt);
+    fn prepare(&mut self, patch: &[Contact], [skin_a, skin_b]: [&Skin; 2], turn: &Mat3, to_link_b: &Mat3) {
         resize_at_least(&mut self.contact_of_a, skin_a.surface.control.len(), NONE);
         resize_at_least(&mut self.place_of_b, skin_b.surface.control.len(), NONE);
         for (i, contact) in patch.iter().enumerate() {

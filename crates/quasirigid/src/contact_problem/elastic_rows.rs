@@ -13,7 +13,8 @@ const SAME_TURN: Real = 1e-10;
 pub struct ElasticRows {
     contacts: Vec<(u32, Real)>,
     turn: Mat3,
-    dt: Real,
+    /// `1 - alpha` of either side: what the rows are of the static compliance.
+    shares: [Real; 2],
     /// Ends of the rows in `columns`.
     ends: Vec<u32>,
     columns: Vec<u32>,
@@ -25,10 +26,11 @@ pub struct ElasticRows {
 }
 
 impl ElasticRows {
-    /// Whether the rows are those of `patch`: the same control points with the same projections and areas, for the same time step.
-    pub(super) fn hold_for(&self, patch: &[Contact], turn: &Mat3, dt: Real) -> bool {
+    /// Whether the rows are those of `patch`: the same control points with the same projections and areas, the same shares of the static
+    /// compliance.
+    pub(super) fn hold_for(&self, patch: &[Contact], turn: &Mat3, shares: [Real; 2]) -> bool {
         let same = |(contact, kept): (&Contact, &(u32, Real))| !contact.projected && (contact.control_point, contact.area) == *kept;
-        self.dt == dt
+        self.shares == shares
             && self.contacts.len() == patch.len()
             && self.ends.len() == patch.len()
             && patch.iter().zip(&self.contacts).all(same)
@@ -42,11 +44,11 @@ impl ElasticRows {
     }
 
     /// Starts to fill the rows of `patch` anew; `serial` is a number that was never used before.
-    pub(super) fn start(&mut self, patch: &[Contact], turn: &Mat3, dt: Real, serial: u64) {
+    pub(super) fn start(&mut self, patch: &[Contact], turn: &Mat3, shares: [Real; 2], serial: u64) {
         self.serial = serial;
         self.contacts.clear();
         self.contacts.extend(patch.iter().map(|contact| (contact.control_point, contact.area)));
-        (self.turn, self.dt) = (*turn, dt);
+        (self.turn, self.shares) = (*turn, shares);
         self.ends.clear();
         self.columns.clear();
         self.values.clear();

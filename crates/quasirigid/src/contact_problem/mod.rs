@@ -79,6 +79,11 @@ impl ContactProblem {
         delta.y.hypot(delta.z / contact.stretch())
     }
 
+    /// No problem yet; elastic rows that pairs keep from this one are not taken for those filled from now on.
+    pub(crate) fn started_anew(&self) -> Self {
+        Self { serial: self.serial, ..Self::default() }
+    }
+
     /// Number of contacts.
     pub fn len(&self) -> usize {
         self.delta_free.len()
@@ -201,10 +206,11 @@ fn refresh_elastic_rows(out: &mut ContactProblem, contacts: &[Contact], pairs: &
         let (Some(skin_a), Some(skin_b)) = (entry_a.active_skin(), entry_b.active_skin()) else { continue };
         let axes_b = axes(entry_b);
         let turn = axes(entry_a).transpose() * axes_b;
-        if !pair.elastic.hold_for(patch, &turn, dt) {
+        let shares = [skin_a, skin_b].map(|skin| 1.0 - skin.memory(dt));
+        if !pair.elastic.hold_for(patch, &turn, shares) {
             out.serial += 1;
-            pair.elastic.start(patch, &turn, dt, out.serial);
-            out.elastic.fill_rows(&mut pair.elastic, patch, [skin_a, skin_b], &turn, &axes_b.transpose(), dt);
+            pair.elastic.start(patch, &turn, shares, out.serial);
+            out.elastic.fill_rows(&mut pair.elastic, patch, [skin_a, skin_b], &turn, &axes_b.transpose(), shares);
         }
         let serial = pair.elastic.serial();
         if let Some(held) = out.held.get_mut(patches) {

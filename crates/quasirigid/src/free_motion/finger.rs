@@ -68,7 +68,17 @@ pub(super) fn free_motion(finger: &Finger, context: &StepContext) -> FreeMotion 
         (root, prediction) = solve(&matrix, &g, &state.contact_torques, finger, &stops);
     }
     let displacement = given_and_free(&matrix, &root, &g, finger, &stops);
-    FreeMotion { dof, matrix, inverse_root: root, displacement, generalized_force: g, motor_torque, motor_slope, stops, set_aside: false }
+    FreeMotion {
+        dof,
+        matrix,
+        inverse_root: root,
+        displacement,
+        generalized_force: g,
+        motor_torque,
+        motor_slope,
+        stops,
+        ..FreeMotion::none()
+    }
 }
 
 /// The stop that a joint at `position` (rad) has passed.

@@ -9,8 +9,11 @@
 //! with dx the generalised displacement, M inertia, B viscosity, K_s and D_s stiffness and damping of what drives the body, g
 //! everything known at the start of the step, f the contact forces. A, g and J are taken at the start of the step.
 
+mod expected;
 mod finger;
 mod rigid;
+
+pub use expected::Expected;
 
 use crate::body::{Body, BodyEntry, JointStop};
 use crate::error::{Result, check_finite, check_positive};
@@ -57,6 +60,8 @@ pub struct FreeMotion {
     pub motor_slope: Vec6,
     /// Joints held at a stop in this step.
     pub stops: [JointStop; MAX_DOF],
+    /// Where its surface is expected to go; set by [`free_motions`].
+    pub expected: Expected,
     /// The body went bad in this step, and was set aside: its motion would be non-finite or absurd.
     pub set_aside: bool,
 }
@@ -73,6 +78,7 @@ impl FreeMotion {
             motor_torque: Vec6::zeros(),
             motor_slope: Vec6::zeros(),
             stops: [JointStop::None; MAX_DOF],
+            expected: Expected::still(),
             set_aside: false,
         }
     }
@@ -91,12 +97,13 @@ pub fn free_motions(bodies: &mut [BodyEntry], context: &StepContext, out: &mut V
         if entry.quarantined {
             return FreeMotion::none();
         }
-        let free = free_motion(&entry.body, context);
-        let told = entry.body.prescribed_displacement(entry.skin_link, &entry.body.link_pose(entry.skin_link).translation.vector);
+        let mut free = free_motion(&entry.body, context);
+        let told = entry.body.prescribed_displacement(&entry.body.link_pose(entry.skin_link).translation.vector);
         if !(is_sound(&free.displacement) && told.amax() <= ABSURD_DISPLACEMENT) {
             entry.quarantined = true;
             return FreeMotion { set_aside: true, ..FreeMotion::none() };
         }
+        free.expected = Expected::of(entry, context.dt);
         free
     }));
 }

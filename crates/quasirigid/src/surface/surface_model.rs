@@ -83,7 +83,7 @@ impl Surface {
     pub fn build(mut surface: PointSurface, control_points: Option<usize>) -> Result<Self> {
         let count = surface.len();
         let leaf_count = control_points.unwrap_or_else(|| ((count as Real / POINTS_PER_LEAF).round() as usize).max(1));
-        if leaf_count == 0 || leaf_count * 2 > count {
+        if leaf_count == 0 || leaf_count > count / 2 {
             return Err(Error::value(
                 "control_points",
                 format!("between 1 and {} (half the {count} points)", count / 2),

@@ -159,6 +159,7 @@ addEventListener('resize', resize);
 // With one.
 
 function recentre() {
+  if (status.writer === false) return; // another page holds the hand, and the table
   const eyes = new THREE.Vector3();
   const forward = new THREE.Vector3();
   const head = renderer.xr.getCamera();
@@ -183,8 +184,9 @@ function surround(mode) {
 }
 
 async function enter(mode) {
+  let session = null;
   try {
-    const session = await navigator.xr.requestSession(mode, {
+    session = await navigator.xr.requestSession(mode, {
       requiredFeatures: ['local-floor', 'hand-tracking'],
       optionalFeatures: ['bounded-floor'],
     });
@@ -199,6 +201,7 @@ async function enter(mode) {
     await renderer.xr.setSession(session);
     surround(mode);
   } catch (error) {
+    await session?.end().catch(() => {}); // or the headset stays in a session that shows nothing
     $('device').textContent = `The headset did not start a session with hand tracking: ${error.message}`;
   }
 }

@@ -1,0 +1,74 @@
+"""When a session may begin: who of the hand is seen, and who is waited for."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from quasirigid._quasirigid import HandFrame
+from quasirigid.mocap import PARTS
+
+BoolArray = npt.NDArray[np.bool_]
+PALM = PARTS.index("palm")
+GRASPING = (0, 1, 2)
+"""Thumb, index and middle finger."""
+SETTLE = 0.2
+"""How long the hand is watched before the session begins, s: by then the filter knows the stream."""
+LATECOMERS = 2.0
+"""Fingers that are not seen so long after the first are left out, s."""
+GONE = 0.25
+"""Who was not seen for so long is not there, s: longer than some frames that get lost."""
+
+
+class Sighting:
+    """Follows the frames of a hand until the fingers that are to be coupled are there, all at the same time."""
+
+    def __init__(self, coupling: str) -> None:
+        """``coupling`` is ``tips`` or ``hand``."""
+        self._coupling = coupling
+        self._last = np.full(len(PARTS), -np.inf)
+        """When each part was last seen, s."""
+        self._has: BoolArray = np.ones(len(PARTS), dtype=bool)
+        """What the source has."""
+        self._seen: BoolArray = np.zeros(len(PARTS), dtype=bool)
+        """In the newest frame."""
+        self._since: float | None = None
+
+    def saw(self, frame: HandFrame) -> None:
+        """A frame has come."""
+        self._seen = frame.tracked
+        self._last[self._seen] = frame.arrival
+        if frame.source == "dtrack-bodies":
+            self._has = frame.present  # a body for each of some fingers, and perhaps none for the others
+
+    def live(self, now: float) -> BoolArray:
+        """Which parts are there now (s, on the clock of the arrivals), (6,); frames that get lost are forgiven."""
+        return np.asarray(now - self._last <= GONE)
+
+    @property
+    def wanted(self) -> list[int]:
+        """The rows that are waited for."""
+        if self._coupling == "hand":
+            return [*GRASPING, PALM]
+        return [row for row in GRASPING if self._has[row]] or [row for row in range(PALM) if self._has[row]]
+
+    def missing(self, now: float) -> tuple[str, ...]:
+        """Names of those of them who are not there."""
+        live = self.live(now)
+        return tuple(PARTS[row] for row in self.wanted if not live[row])
+
+    def waited(self, now: float) -> float:
+        """For how long something of the hand has been there without a break, s."""
+        live = self.live(now)
+        if not live[:PALM].any():
+            self._since = None
+        elif self._since is None:
+            self._since = now
+        return 0.0 if self._since is None else now - self._since
+
+    def enough(self, now: float) -> bool:
+        """Whether the session may begin: with all that is waited for or, with single pads and after ``LATECOMERS``, with thumb and another finger."""
+        waited, seen = self.waited(now), self.live(now) & self._seen
+        if seen[self.wanted].all():
+            return waited > SETTLE
+        return self._coupling == "tips" and waited > LATECOMERS and bool(seen[0] and seen[1:PALM].any())

@@ -1,0 +1,106 @@
+"""A recording has one writer, in any process, and those who read it are no hindrance to it."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from test_recording import COLUMNS, check, row
+
+from quasirigid.errors import RecordingError
+from quasirigid.recorder import Recorder
+from quasirigid.recording import Recording
+
+PROGRAM = """
+import sys
+from test_recording import COLUMNS, Recorder, Recording, row
+mine = {}
+for line in sys.stdin:
+    print(eval(line), flush=True)
+"""
+
+
+class Other:
+    """Another process, that does what it is told."""
+
+    def __init__(self) -> None:
+        env = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", PROGRAM], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1, env=env
+        )
+
+    def does(self, expression: str) -> str:
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self.process.stdin.write(expression + "\n")
+        return self.process.stdout.readline().strip()
+
+
+@pytest.fixture(scope="module")
+def other() -> Iterator[Other]:
+    process = Other()
+    yield process
+    process.process.kill()
+    process.process.communicate()
+
+
+def write(path: Path, steps: int) -> None:
+    with Recorder(path, COLUMNS) as recorder:
+        for i in range(steps):
+            recorder.append(row(i))
+
+
+def test_a_run_ends_well_while_others_read_its_recording(tmp_path: Path, other: Other) -> None:
+    path = tmp_path / "r.h5"
+    with Recorder(path, COLUMNS) as recorder:
+        for i in range(250):
+            recorder.append(row(i))
+        recorder.flush()
+        assert other.does(f"mine.update(reader=Recording({str(path)!r})) or mine['reader'].steps") == "250"
+        with Recording(path) as near:  # HDF5 has other rules for readers in the same process
+            recorder.close(answer=42)
+            assert near.steps == 250
+    assert check(path, 250) == 250
+    with Recording(path) as recording:
+        assert recording.complete
+        assert recording.attributes["answer"] == 42
+    assert other.does("mine['reader']['time'][-1]") == str(row(249)["time"])
+    assert [file.name for file in tmp_path.iterdir()] == ["r.h5"]
+
+
+def test_a_new_recording_leaves_the_old_one_to_those_who_read_it(tmp_path: Path, other: Other) -> None:
+    path = tmp_path / "r.h5"
+    write(path, 120)
+    assert other.does(f"mine.update(reader=Recording({str(path)!r}))") == "None"
+    write(path, 7)
+    assert check(path, 7) == 7
+    assert other.does("len(mine['reader']['time'])") == "120"
+
+
+def test_a_recording_that_cannot_be_begun_leaves_the_old_one(tmp_path: Path) -> None:
+    path = tmp_path / "r.h5"
+    write(path, 5)
+    with pytest.raises(TypeError):
+        Recorder(path, COLUMNS, {"no HDF5": object()})
+    assert check(path, 5) == 5
+    assert [file.name for file in tmp_path.iterdir()] == ["r.h5"]
+
+
+def test_where_another_process_records_nobody_else_does_until_it_ends(tmp_path: Path, other: Other) -> None:
+    path = tmp_path / "r.h5"
+    begin = f"mine.update(w=Recorder({str(path)!r}, COLUMNS)) or [mine['w'].append(row(i)) for i in range(100)] and mine['w'].flush()"
+    assert other.does(begin) == "None"
+    for place in (path, tmp_path / "." / "r.h5"):
+        with pytest.raises(RecordingError, match=r"r\.h5: expected a file that can be written, got one that is being recorded to; wait"):
+            Recorder(place, COLUMNS)
+    (tmp_path / "link.h5").symlink_to(path)
+    with pytest.raises(RecordingError, match="being recorded to"):
+        Recorder(tmp_path / "link.h5", COLUMNS)
+    assert check(path, 100) == 100, "those who were refused did no harm"
+    other.process.kill()
+    other.process.communicate()
+    write(path, 5)
+    assert check(path, 5) == 5
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["link.h5", "r.h5"]
