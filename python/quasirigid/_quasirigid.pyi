@@ -593,7 +593,7 @@ class StepReport:
         """Contacts left out because nothing can move or give there."""
     @property
     def quarantined(self) -> list[int]:
-        """Indices of bodies that went non-finite, were rolled back and set aside in this step, or these. Told once;
+        """Indices of bodies that went non-finite, were rolled back and set aside in this step, or in any step of this ``World.step``. Told once;
         ``World.quarantined``, ``Body.quarantined`` and ``Hand.quarantined`` go on saying so.
         """
     def __repr__(self) -> str: ...
@@ -716,7 +716,7 @@ class World:
         """What ``step`` returned last; ``None`` before the first step."""
     @property
     def quarantined(self) -> list[int]:
-        """Indices (``Body.index``, ``Hand.body_indices``) of the bodies that are set aside, see ``Body.quarantined``."""
+        """Indices (``Body.index``, ``Hand.body_indices``) of the bodies that went non-finite and have been set aside since."""
     def add_body(
         self,
         surface: Surface,

@@ -165,7 +165,7 @@ class SceneRecorder:
         changed = wanted and self._has_changed(state.moved)
         moved: Mapping[int, Moved] = state.moved if changed else {}
         quarantined = np.zeros(len(self.model.bodies), "u1")
-        quarantined[list(state.quarantined)] = 1
+        quarantined[[body for body in state.quarantined if body >= 0]] = 1  # -1: not drawn
         went, self._aside = len(set(state.quarantined) - self._aside), frozenset(state.quarantined)
         c = state.contacts
         values: dict[str, Any] = {

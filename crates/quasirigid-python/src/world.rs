@@ -289,13 +289,13 @@ impl World {
                     so_far = Some(report);
                 }
             });
+            so_far = (left > 0).then(|| report.engine.clone());
             let report = Py::new(py, report)?;
             *self.report.lock().unwrap_or_else(PoisonError::into_inner) = Some(report.clone_ref(py));
             py.check_signals()?;
             if left == 0 {
                 return Ok(report);
             }
-            so_far = Some(report.get().engine.clone());
         }
     }
 
