@@ -109,6 +109,12 @@ def test_the_pull_that_is_shown_is_what_acts_and_at_most_its_limit(play: Play) -
     assert force == pytest.approx(pulled[2], rel=1e-3), f"{force:.2f} N act, {pulled[2]:.2f} N are shown"
 
 
+@pytest.mark.parametrize(("force", "says"), [(2.0, "holding, with less than was asked for"), (0.0, "nothing in the hand")])
+def test_a_grip_at_the_limit_of_its_motors_is_holding(play: Play, monkeypatch: pytest.MonkeyPatch, force: float, says: str) -> None:
+    monkeypatch.setattr(play, "grip", SimpleNamespace(state="weak", forces=lambda: np.full(3, force)))
+    assert play.phase.startswith(says)
+
+
 @pytest.mark.parametrize("bad", [[np.nan, 0.0, 0.0], [np.inf, 0.0, 0.0], [0.0, 0.0]], ids=str)
 def test_what_is_no_place_is_refused(play: Play, bad: list[float]) -> None:
     place: FloatArray = np.array(bad)
