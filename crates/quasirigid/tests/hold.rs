@@ -150,7 +150,7 @@ fn turned_box_stays_in_the_hand(motion: Motion, dt: Real, speed: Real, gravity: 
     let mut options = PinchOptions::fingertips(STICKY).unwrap();
     options.params = Parameters { dt, ..Parameters::default() };
     options.motion = motion;
-    (options.mass, options.box_points, options.pad_points) = (0.05, (3_000, 400), (600, 80));
+    (options.mass, options.box_points, options.pad_points) = (0.05, (1_500, 200), (600, 80));
     let mut pinch = Pinch::new(&options).unwrap();
     // The air that a quasi-static body moves in is as thick as syrup by default, and would make the rims slip.
     if motion == Motion::QuasiStatic {
@@ -158,7 +158,7 @@ fn turned_box_stays_in_the_hand(motion: Motion, dt: Real, speed: Real, gravity: 
     }
     pinch.squeeze(4.0).unwrap();
     pinch.set_gravity(Vec3::new(0.0, 0.0, -gravity)).unwrap();
-    let settle = if motion == Motion::Inertial { 2.0 } else { 0.5 };
+    let settle = if motion == Motion::Inertial { 0.8 } else { 0.3 };
     pinch.run(3.0 * settle);
     let rest = pinch.pads.map(|pad| *pinch.world.body(pad).unwrap().pose());
     let before = *pinch.world.body(pinch.object).unwrap().pose();
@@ -175,9 +175,8 @@ fn turned_box_stays_in_the_hand(motion: Motion, dt: Real, speed: Real, gravity: 
 #[test]
 fn a_box_that_is_turned_about_by_its_pads_is_afterwards_where_it_was_between_them() {
     let fast = std::f64::consts::PI;
-    turned_box_stays_in_the_hand(Motion::Inertial, 1e-3, 1.0, 0.0);
-    turned_box_stays_in_the_hand(Motion::Inertial, 2e-3, fast, 9.81);
-    turned_box_stays_in_the_hand(Motion::QuasiStatic, 2e-3, 1.0, 9.81);
+    turned_box_stays_in_the_hand(Motion::Inertial, 2e-3, 1.0, 0.0);
+    turned_box_stays_in_the_hand(Motion::Inertial, 1e-3, fast, 9.81);
     turned_box_stays_in_the_hand(Motion::QuasiStatic, 1e-3, fast, 0.0);
 }
 
@@ -193,7 +192,7 @@ fn a_box_that_is_turned_about_by_a_hand_is_afterwards_where_it_was_in_it() {
         scene.grip.hold();
         scene.remove_support().unwrap();
         scene.world.set_gravity(Vec3::zeros()).unwrap();
-        scene.run(1.0).unwrap();
+        scene.run(0.5).unwrap();
         let start = scene.world.hand(scene.hand).unwrap().base;
         let in_hand =
             |scene: &GraspScene| scene.world.hand(scene.hand).unwrap().base.inverse() * scene.world.body(scene.object).unwrap().pose();
@@ -207,7 +206,7 @@ fn a_box_that_is_turned_about_by_a_hand_is_afterwards_where_it_was_in_it() {
                 scene.world.move_hand_to(scene.hand, turned).unwrap();
                 scene.step().unwrap();
             }
-            scene.run(0.5).unwrap();
+            scene.run(0.3).unwrap();
             let (off, angle) = apart(&before, &in_hand(&scene));
             println!("{speed} rad/s, dt {dt}, to {to:.2} rad: {off:.1e} m, {angle:.1e} rad");
             assert!(off < 1e-9 && angle < 1e-7, "{speed} rad/s, dt {dt}, to {to:.2} rad: {off:e} m, {angle:e} rad");
@@ -218,7 +217,7 @@ fn a_box_that_is_turned_about_by_a_hand_is_afterwards_where_it_was_in_it() {
 #[test]
 fn two_boxes_that_are_turned_about_side_by_side_stay_together() {
     let mut options = PinchOptions::fingertips(STICKY).unwrap();
-    (options.size, options.box_points, options.pad_points) = (Vec3::new(0.02, 0.03, 0.03), (2_000, 260), (600, 80));
+    (options.size, options.box_points, options.pad_points) = (Vec3::new(0.02, 0.02, 0.02), (400, 50), (600, 80));
     (options.mass, options.motion) = (0.03, Motion::QuasiStatic);
     // The second box is a copy of the first beside it; the pads move out to make room.
     let mut pinch = Pinch::new(&options).unwrap();
@@ -232,14 +231,14 @@ fn two_boxes_that_are_turned_about_side_by_side_stay_together() {
     let aside = Pose::translation(0.02, 0.0, 0.0) * *pad.pose();
     pad.set_pose(aside).unwrap();
     pinch.squeeze(4.0).unwrap();
-    pinch.run(1.0);
+    pinch.run(0.3);
     let rest = pinch.pads.map(|pad| *pinch.world.body(pad).unwrap().pose());
     let between = |pinch: &Pinch| pinch.world.body(first).unwrap().pose().inverse() * pinch.world.body(second).unwrap().pose();
     let (before, before_hand) = (between(&pinch), *pinch.world.body(first).unwrap().pose());
     let quarter = std::f64::consts::FRAC_PI_2;
     let mut worst: Real = 0.0;
     for (from, to) in [(0.0, quarter), (quarter, 0.0)] {
-        let in_hand = turn(&mut pinch, &rest, from, to, 1.0, 1.0);
+        let in_hand = turn(&mut pinch, &rest, from, to, 2.0, 0.3);
         let ((off, angle), (off_hand, _)) = (apart(&before, &between(&pinch)), apart(&before_hand, &in_hand));
         println!("to {to:.2} rad: {off:.1e} m and {angle:.1e} rad between the boxes, {off_hand:.1e} m in the hand");
         worst = worst.max(off).max(off_hand);
