@@ -8,6 +8,8 @@
 True
 """
 
+from typing import TYPE_CHECKING
+
 from quasirigid._quasirigid import (
     STAGES,
     Body,
@@ -48,8 +50,12 @@ from quasirigid.recorder import Recorder
 from quasirigid.recording import Column, Recording
 from quasirigid.scene_recording import SceneRecording
 from quasirigid.solver import ContactProblem, solve_contacts
-from quasirigid.view import open_view as view
 from quasirigid.world_recorder import record
+
+if TYPE_CHECKING:
+    from quasirigid.view import open_view as view
+else:
+    from quasirigid import view  # the package, which can be called
 
 __all__ = [
     "STAGES",

@@ -593,8 +593,8 @@ class StepReport:
         """Contacts left out because nothing can move or give there."""
     @property
     def quarantined(self) -> list[int]:
-        """Indices of bodies that went non-finite, were rolled back and set aside in this step, or these. Told once;
-        ``Body.quarantined`` and ``Hand.quarantined`` go on saying so.
+        """Indices of bodies that went non-finite, were rolled back and set aside in this step, or in any step of this ``World.step``. Told once;
+        ``World.quarantined``, ``Body.quarantined`` and ``Hand.quarantined`` go on saying so.
         """
     def __repr__(self) -> str: ...
 
@@ -711,6 +711,12 @@ class World:
         """Simulated seconds since the start."""
     @property
     def steps(self) -> int: ...
+    @property
+    def report(self) -> StepReport | None:
+        """What ``step`` returned last; ``None`` before the first step."""
+    @property
+    def quarantined(self) -> list[int]:
+        """Indices (``Body.index``, ``Hand.body_indices``) of the bodies that went non-finite and have been set aside since."""
     def add_body(
         self,
         surface: Surface,

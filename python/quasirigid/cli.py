@@ -21,14 +21,20 @@ from rich.table import Table
 
 from quasirigid import cli_recordings, cli_view
 from quasirigid.cli_options import (
+    HOST,
+    PAGE,
     PHYSICS,
+    PORT,
     RUN,
+    Browser,
     Compliance,
     Friction,
+    Host,
     Mass,
     MaterialName,
     ObjectFile,
     Points,
+    Port,
     Scale,
     Size,
     Squeeze,
@@ -113,7 +119,10 @@ def grasp(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Where summary.json, recording.h5 and the plots go.", rich_help_panel=RUN)
     ] = Path("out/grasp"),
-    view: Annotated[bool, typer.Option("--view", help="Watch it in the browser, at the pace of the clock.", rich_help_panel=RUN)] = False,
+    view: Annotated[bool, typer.Option("--view", help="Watch it in the browser, at the pace of the clock.", rich_help_panel=PAGE)] = False,
+    host: Host = HOST,
+    port: Port = PORT,
+    browser: Browser = True,
     record: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Where the recording goes. Default: recording.h5 in --out.", rich_help_panel=RUN)
     ] = None,
@@ -207,7 +216,7 @@ def grasp(
 ) -> None:
     """Grasp an object, hold it, lift it, shake it, put it down; report how well it was held."""
     from quasirigid.grasp_options import GraspOptions
-    from quasirigid.grasp_run import run_grasp
+    from quasirigid.grasp_run import Page, run_grasp
 
     options = GraspOptions(
         object=object_file,
@@ -225,8 +234,11 @@ def grasp(
         threads=threads,
         seed=seed,
     )
+    page = Page(host, port, browser) if view else None
+    if page is None:
+        _refuse_unheard(context, PAGE, "--view", "it is about the page")
     if mocap is None:
-        _refuse_unheard(context)
+        _refuse_unheard(context, MOCAP, "--mocap", "it is about a tracked hand")
     else:
         from quasirigid.mocap.grasp_command import coupled, grasp_mocap
         from quasirigid.mocap.options import MocapOptions
@@ -257,13 +269,13 @@ def grasp(
                 record=record,
                 feedback=feedback or (),
                 feedback_rate=feedback_rate,
-                view=view,
+                view=page,
                 as_json=as_json,
             )
         return
     try:
         with terminable(), placed("--out"), progress_bar(quiet=as_json) as progress:
-            result = run_grasp(options, out, record=record, progress=progress, view=view)
+            result = run_grasp(options, out, record=record, progress=progress, view=page)
     except KeyboardInterrupt as stop:
         say(f"interrupted; what was recorded so far is in {out}")
         raise typer.Exit(exit_code(stop)) from None
@@ -273,13 +285,13 @@ def grasp(
         Console().print(grasp_panel(result))
 
 
-def _refuse_unheard(context: typer.Context) -> None:
-    """Refuses options about a tracked hand where there is none: they would do nothing."""
+def _refuse_unheard(context: typer.Context, panel: str, without: str, about: str) -> None:
+    """Refuses options of a ``panel`` of the help that would do nothing ``without`` another option."""
     for option in context.command.params:
         given = getattr(context.get_parameter_source(option.name or ""), "name", "") == "COMMANDLINE"
-        if given and getattr(option, "rich_help_panel", None) == MOCAP:
-            name = option.opts[0]
-            raise InvalidValueError(name, "--mocap beside it", "none", "it is about a tracked hand: add --mocap, or leave it out")
+        if given and getattr(option, "rich_help_panel", None) == panel:
+            name = (option.secondary_opts if context.params.get(option.name or "") is False else option.opts)[0]
+            raise InvalidValueError(name, f"{without} beside it", "none", f"{about}: add {without}, or leave it out")
 
 
 @app.command()

@@ -56,9 +56,9 @@ def replay(
     from quasirigid.view.server import announce, open_browser
 
     with terminable(), ReplayView(file, host=host, port=port) as view:
-        url = announce(view.server, host, port)
+        announce(view.url, host, port, page="replay", can="watch the recording", ends="Ctrl-C ends it")
         if browser:
-            open_browser(url)
+            open_browser(view.url)
         view.timeline.play(play)
         linger(seconds)
 

@@ -96,9 +96,9 @@ def view(
                 recorder.begin(play)
                 live.session.observe(recorder)
             live.start()
-            url = announce(live.server, host, port)
+            announce(live.url, host, port, page="live view", can="drive the hand and load files", ends="Ctrl-C ends it")
             if browser:
-                open_browser(url)
+                open_browser(live.url)
             if run:
                 live.session.run(True)
             linger(seconds)

@@ -233,6 +233,8 @@ class Grasp:
         self._stands = False
         self.paced = False
         """Whether steps keep to the clock, for whoever looks on."""
+        self.phase = ""
+        """What is going on: one of PHASES, once ``run`` has begun."""
         self._began = 0.0
         self._untouched = 0.0
 
@@ -358,6 +360,7 @@ class Grasp:
         return self._untouched > LOST_FOR or bool(np.linalg.norm(self._object_in_hand() - self._start_in_hand) > DROPPED_AT)
 
     def _step(self, phase: str, recorder: SceneRecorder) -> None:
+        self.phase = phase
         self.grip.update()
         report = self.world.step()
         if self.paced:

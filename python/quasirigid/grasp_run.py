@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,6 @@ from quasirigid.plots import save_all
 from quasirigid.recording import Recording
 from quasirigid.scene_plot import save_scene
 from quasirigid.summary import summarise
-from quasirigid.view import open_view
 
 
 @dataclass(frozen=True)
@@ -29,8 +28,24 @@ class GraspResult:
     plots: tuple[Path, ...]
 
 
+@dataclass(frozen=True)
+class Page:
+    """A page to watch a grasp in: who may look (``host``), on which port (or the next free one), and whether to open it in the ``browser``."""
+
+    host: str = "127.0.0.1"
+    port: int = 8080
+    browser: bool = True
+
+    def open(self, grasp: Grasp) -> AbstractContextManager[object]:
+        """Show the grasp from now on, and keep its steps to the clock."""
+        from quasirigid.view.watch import watch  # the server takes half a second to import: only who looks pays for it
+
+        grasp.paced = True
+        return watch(grasp.world, self.host, self.port, self.browser, phase=lambda: grasp.phase, speed=1.0, ends="it ends with the run")
+
+
 def run_grasp(
-    options: GraspOptions, out: Path, *, record: Path | None = None, progress: Progress | None = None, view: bool = False
+    options: GraspOptions, out: Path, *, record: Path | None = None, progress: Progress | None = None, view: Page | None = None
 ) -> GraspResult:
     """Run the whole job and leave ``summary.json``, ``recording.h5`` and the plots in the directory ``out``; the recording in ``record`` if given.
     ``view`` shows it in the browser meanwhile, no faster than the clock.
@@ -39,7 +54,6 @@ def run_grasp(
     recording and a summary that says so, then passes the interrupt on.
     """
     grasp = Grasp(options)
-    out.mkdir(parents=True, exist_ok=True)
     path = out / "recording.h5" if record is None else record
     chosen = {key: "" if value is None else str(value) for key, value in asdict(options).items()}
     attributes = {
@@ -50,14 +64,15 @@ def run_grasp(
     }
     attributes |= {"friction": grasp.friction, "squeeze_n": grasp.taken.squeeze}
     began = time.perf_counter()
-    recorder = grasp.recorder(path, attributes)
-    try:
-        with recorder, open_view(grasp.world) if view else nullcontext():
-            grasp.paced = view
-            grasp.run(recorder, progress)
-    except KeyboardInterrupt:
-        _leave_summary(grasp, path, out, time.perf_counter() - began, interrupted=True)
-        raise
+    with nullcontext() if view is None else view.open(grasp):  # an address that cannot be had is found out before a file is touched
+        out.mkdir(parents=True, exist_ok=True)
+        recorder = grasp.recorder(path, attributes)
+        try:
+            with recorder:
+                grasp.run(recorder, progress)
+        except KeyboardInterrupt:
+            _leave_summary(grasp, path, out, time.perf_counter() - began, interrupted=True)
+            raise
     return _leave_summary(grasp, path, out, time.perf_counter() - began, interrupted=False)
 
 

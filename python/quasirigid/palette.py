@@ -2,6 +2,8 @@
 
 FINGER_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """One per finger (Okabe and Ito), hex sRGB."""
+STICK_COLOUR, SLIP_COLOUR = "#0072B2", "#E69F00"
+"""Of contacts that stick and that slip; what slips has a mark as well."""
 PAD, NAIL, BONE, PALM = (0.95, 0.86, 0.79), (0.86, 0.83, 0.81), (0.80, 0.83, 0.86), (0.62, 0.66, 0.71)
 GLASS = (0.30, 0.45, 0.62)
 LINK_RADII = (0.009, 0.0085, 0.0075, 0.0055)

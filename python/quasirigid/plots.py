@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from quasirigid.grasp_columns import contacts_on_object
-from quasirigid.palette import FINGER_COLOURS
+from quasirigid.palette import FINGER_COLOURS, SLIP_COLOUR
 from quasirigid.summary import Columns, FloatArray, Phase, creep, moved, phases, pose_in, settled
 
 INK, MUTED, BAND = "#222222", "#666666", "#F1F1EF"
@@ -200,7 +200,7 @@ def patches(contacts: Mapping[str, npt.NDArray[Any]], fingers: Sequence[str], *,
         # Discs of the control points' own area, in points^2.
         size = 1e6 * area * (72 * side / (2 * radius)) ** 2 * 4 / np.pi
         scatter = axes.scatter(flat[:, 0], flat[:, 1], c=pressure, s=size, cmap="viridis", vmin=0.0, vmax=top, linewidths=0)
-        axes.scatter(flat[slips, 0], flat[slips, 1], s=0.8 * size[slips], facecolors="none", edgecolors="#D55E00", linewidths=1.3)
+        axes.scatter(flat[slips, 0], flat[slips, 1], s=0.8 * size[slips], facecolors="none", edgecolors=SLIP_COLOUR, linewidths=1.3)
         if longest > 0.0:
             seen = np.linalg.norm(friction, axis=1) > 0.06 * longest
             start, arrows = flat[seen].T, (friction[seen] / longest * 0.24 * radius).T
@@ -215,7 +215,7 @@ def patches(contacts: Mapping[str, npt.NDArray[Any]], fingers: Sequence[str], *,
         bar.set_label("pressure (kPa)", **STYLE)
         bar.ax.tick_params(labelsize=8.5, colors=MUTED)
         bar.outline.set_visible(False)
-    ring = Line2D([], [], marker="o", linestyle="none", markerfacecolor="none", markeredgecolor="#D55E00", markersize=8, label="slips")
+    ring = Line2D([], [], marker="o", linestyle="none", markerfacecolor="none", markeredgecolor=SLIP_COLOUR, markersize=8, label="slips")
     disc = Line2D([], [], marker="o", linestyle="none", color="#21918c", markersize=8, label="sticks")
     arrow = Line2D(
         [],

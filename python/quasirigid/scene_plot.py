@@ -20,14 +20,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter, map_coordinates
-from scipy.spatial import cKDTree
 
-from quasirigid.palette import BONE, FINGER_COLOURS, GLASS, LINK_RADII, NAIL, PAD, PALM
+from quasirigid.palette import BONE, FINGER_COLOURS, GLASS, LINK_RADII, NAIL, PAD, PALM, SLIP_COLOUR
 from quasirigid.plots import INK, MUTED, SLIP, patch_plane
 from quasirigid.recording import Recording
 from quasirigid.scene_shot import Shot, pressure_on, read_shot
 from quasirigid.splats import Camera, FloatArray, Layer, creases, directions, edge_planes, halved, outline, shade, splat, tube
 from quasirigid.summary import rotate
+from quasirigid.view.meshes import spacing_of
 
 WIDTH, HEIGHT, DPI = 1200, 800, 150
 FINE = 2
@@ -48,12 +48,6 @@ def pad_colours(pressure: FloatArray, peak: float) -> FloatArray:
     loaded = np.clip((x - 0.01) / 0.05, 0.0, 1.0)[:, None]
     colour = loaded * colormaps["viridis"](x)[:, :3] + (1.0 - loaded) * np.array(PAD)
     return np.concatenate([colour, loaded], axis=1)
-
-
-def _spacing(points: FloatArray) -> float:
-    """Distance of a point to its neighbours, the median over the surface, m."""
-    distance, _ = cKDTree(points).query(points[:: max(1, len(points) // 2000)], k=5)
-    return float(np.median(distance[:, 1:]))
 
 
 Part = tuple[FloatArray, FloatArray, FloatArray]
@@ -253,7 +247,7 @@ def _draw_scene(axes: Axes, shot: Shot) -> None:
     for f in range(len(shot.fingers)):
         parts += _tip(shot, f)
     solid = _draw(camera, parts, 1.45 * fine)
-    wide = 1.9 * _spacing(points)
+    wide = 1.9 * spacing_of(points)
     glass = np.array([*GLASS, 0.0])
     edges = edge_planes(points, normals, wide)
     walls = [splat(camera, points, sign * normals, glass, wide, edges) for sign in (-1.0, 1.0)]
@@ -336,7 +330,7 @@ def _draw_patch(figure: Figure, shot: Shot, finger: int) -> None:
     back = np.cross(plane[:, 0], plane[:, 1])
     size = (FINE * CLOSE[2], FINE * CLOSE[3])
     camera = Camera.towards(back, plane[:, 1], centre, size[0] / (2e-3 * radius), size)
-    pad = _draw(camera, _tip(shot, finger), 1.8 * _spacing(shot.scene["tips/points"][finger]))
+    pad = _draw(camera, _tip(shot, finger), 1.8 * spacing_of(shot.scene["tips/points"][finger]))
     image = np.where(pad.drawn[..., None], shade(pad, camera.scale, gloss=0.0), 1.0)
     axes.imshow(halved(image, FINE), extent=(-radius, radius, -radius, radius), interpolation="none")
     friction = (force - push[:, None] * normals) @ plane
@@ -347,7 +341,7 @@ def _draw_patch(figure: Figure, shot: Shot, finger: int) -> None:
     arrows = 0.27 * radius / longest * friction[seen]
     axes.quiver(*flat[seen].T, *arrows.T, color="white", edgecolor=INK, zorder=3, **look)
     slips = shot.contacts["status"][mine] == SLIP
-    axes.scatter(flat[slips, 0], flat[slips, 1], s=70, facecolors="none", edgecolors="#D55E00", linewidths=1.4, zorder=4)
+    axes.scatter(flat[slips, 0], flat[slips, 1], s=70, facecolors="none", edgecolors=SLIP_COLOUR, linewidths=1.4, zorder=4)
     axes.set(xlim=(-radius, radius), ylim=(-radius, radius))
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 4, 5, 10]))

@@ -48,7 +48,7 @@ def scene_columns(model: SceneModel, joints: tuple[int, int]) -> list[Column]:
     what = "x y z and quaternion w x y z of the frames; the bodies that a frame carries are in the attribute scene of the file"
     return [
         Column("frames/pose", (len(frames), 7), unit="m, 1", frame="world", what=what, labels=frames),
-        Column("bodies/quarantined", (B,), "u1", what="1 if set aside because it became non-finite", labels=bodies),
+        Column("bodies/quarantined", (B,), "u1", what="1 from when it became non-finite and was set aside", labels=bodies),
         Column("contacts/point", (3,), "f4", "m", "world", ragged=True, resolution=POINT_RESOLUTION),
         Column("contacts/normal", (3,), "f4", "1", "world", "from body b to body a", ragged=True),
         Column("contacts/force", (3,), "f4", "N", "world", "on body a; body b gets the opposite", ragged=True),
@@ -127,6 +127,7 @@ class SceneRecorder:
         self._own = {column.name: column for column in columns}
         self._moved_at = -1
         self._moved: Mapping[int, Moved] = {}
+        self._aside: frozenset[int] = frozenset()
         frames = frames_of(model)
         self._carriers = [frames.index(frame) for frame in dict.fromkeys(frames)]
         constants, described = model_constants(model)
@@ -165,6 +166,7 @@ class SceneRecorder:
         moved: Mapping[int, Moved] = state.moved if changed else {}
         quarantined = np.zeros(len(self.model.bodies), "u1")
         quarantined[[body for body in state.quarantined if body >= 0]] = 1  # -1: not drawn
+        went, self._aside = len(set(state.quarantined) - self._aside), frozenset(state.quarantined)
         c = state.contacts
         values: dict[str, Any] = {
             "time": state.time,
@@ -191,7 +193,7 @@ class SceneRecorder:
             "report/residual": state.residual,
             "report/converged": state.converged,
             "report/coarse": report is not None and report.coarse,
-            "report/quarantined": len(report.quarantined) if report is not None else len(state.quarantined),
+            "report/quarantined": max(went, 0 if report is None else len(report.quarantined)),
             "report/step_time": state.step_time,
             "report/stage_times": [state.stage_times.get(name, 0.0) for name in STAGES],
         }

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from quasirigid.grasp_columns import contacts_on_object
 from quasirigid.recording import Recording
 from quasirigid.splats import FloatArray
 from quasirigid.summary import creep, phases, pose_in, settled
+from quasirigid.view.pressure import spread
 
 
 @dataclass(frozen=True)
@@ -67,25 +67,9 @@ def read_shot(recording: Recording) -> Shot | None:
 
 
 def pressure_on(points: FloatArray, shot: Shot, finger: int) -> FloatArray:
-    """Pressure (n,) Pa at ``points`` (n, 3) of a pad: that of the contacts around, a Gaussian as wide as they are apart."""
+    """Pressure (n,) Pa at ``points`` (n, 3) of a pad: that of the contacts around."""
     mine = shot.patch(finger)
     return spread(points, *(shot.contacts[name][mine].astype(float) for name in ("point", "pressure", "area")))
 
 
-def spread(points: FloatArray, spots: FloatArray, pressure: FloatArray, area: FloatArray) -> FloatArray:
-    """Pressure (n,) Pa at ``points`` (n, 3) from that of the loaded contacts: where they are (c, 3) m, ``pressure`` (c,) Pa, ``area`` (c,) m^2."""
-    if not len(spots):
-        return np.zeros(len(points))
-    apart = float(np.sqrt(area.mean()))
-    h = 0.8 * apart
-    distance, nearest = cKDTree(spots).query(points, k=min(12, len(spots)), distance_upper_bound=3 * h)
-    distance, nearest = distance.reshape(len(points), -1), nearest.reshape(len(points), -1)
-    found = np.isfinite(distance)
-    weight = np.where(found, np.exp(-((np.where(found, distance, 0.0) / h) ** 2)), 0.0)
-    total = weight.sum(axis=1)
-    # Where few contacts are around, at the rim, the rest counts as unloaded. Within the patch the sum is pi (h / apart)^2.
-    value: FloatArray = (weight * pressure[np.where(found, nearest, 0)]).sum(axis=1) / np.maximum(total, 0.75 * np.pi * (h / apart) ** 2)
-    return value
-
-
-__all__ = ["Shot", "pressure_on", "read_shot", "spread"]
+__all__ = ["Shot", "pressure_on", "read_shot"]

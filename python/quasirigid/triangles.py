@@ -14,13 +14,6 @@ from quasirigid.splats import NOTHING, Camera, FloatArray, Layer
 IntArray = npt.NDArray[np.integer]
 
 
-def outward(points: FloatArray, normals: FloatArray, faces: IntArray) -> IntArray:
-    """The ``faces`` (m, 3) with their corners counter-clockwise as seen from outside, where the ``normals`` (n, 3) point."""
-    a, b, c = (points[faces[:, i]] for i in range(3))
-    turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), normals[faces].sum(axis=1)) < 0.0
-    return np.where(turned[:, None], faces[:, [0, 2, 1]], faces)
-
-
 def rasterise(
     camera: Camera, points: FloatArray, normals: FloatArray, colours: FloatArray, faces: IntArray, *, back: bool = False
 ) -> Layer:
@@ -111,4 +104,4 @@ def _ranges(first: IntArray, stop: IntArray) -> tuple[IntArray, IntArray]:
     return which, number
 
 
-__all__ = ["outward", "rasterise"]
+__all__ = ["rasterise"]

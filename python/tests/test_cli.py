@@ -115,6 +115,9 @@ def test_object_that_does_not_fit_the_hand(tmp_path: Path, capfd: pytest.Capture
         (["--compliance", "jelly"], "half-space"),
         (["--seed", "-1"], "seed"),
         (["--frictoin", "1"], "--friction"),
+        (["--port", "9000"], "add --view"),
+        (["--no-browser"], "--no-browser: expected --view beside it"),
+        (["--points", "2000", "--view", "--no-browser", "--port", "0"], "1 to 65535"),
     ],
     ids=" ".join,
 )

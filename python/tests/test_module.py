@@ -146,10 +146,12 @@ def test_a_body_that_is_set_aside_in_one_of_many_steps_is_told_of() -> None:
     world = qr.World(dt=10.0)
     body = world.add_body(qr.Surface.box((0.03,) * 3, points=300), qr.Material.preset("rubber"), mass=0.1)
     hand = world.add_hand(points=200, control_points=25)
-    assert not body.quarantined and not hand.quarantined
+    assert not body.quarantined
+    assert not hand.quarantined
     report = world.step(3)
     assert report.quarantined == [body.index]
-    assert body.quarantined and not hand.quarantined
+    assert body.quarantined
+    assert not hand.quarantined
     hand.move_to((200.0, 0.0, 0.0))
     assert set(world.step(3).quarantined) == set(hand.body_indices)
     assert hand.quarantined

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -52,16 +53,16 @@ def write(path: Path, steps: int) -> None:
             recorder.append(row(i))
 
 
-def test_a_run_ends_well_while_others_read_its_recording(tmp_path: Path, other: Other) -> None:
+@pytest.mark.parametrize("near", [False, True], ids=["in another process", "in both"])  # HDF5 has other rules for readers in the same one
+def test_a_run_ends_well_while_others_read_its_recording(tmp_path: Path, other: Other, near: bool) -> None:
     path = tmp_path / "r.h5"
     with Recorder(path, COLUMNS) as recorder:
         for i in range(250):
             recorder.append(row(i))
         recorder.flush()
         assert other.does(f"mine.update(reader=Recording({str(path)!r})) or mine['reader'].steps") == "250"
-        with Recording(path) as near:  # HDF5 has other rules for readers in the same process
+        with Recording(path) if near else nullcontext():
             recorder.close(answer=42)
-            assert near.steps == 250
     assert check(path, 250) == 250
     with Recording(path) as recording:
         assert recording.complete

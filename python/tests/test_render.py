@@ -14,8 +14,9 @@ from quasirigid.errors import InvalidShapeError, InvalidValueError, MissingPacka
 from quasirigid.palette import PAD
 from quasirigid.scene_recording import SceneRecording
 from quasirigid.splats import NOTHING, Camera
-from quasirigid.triangles import outward, rasterise
+from quasirigid.triangles import rasterise
 from quasirigid.view.media import Film, Frame, frame_steps, open_writer
+from quasirigid.view.meshes import outward
 from quasirigid.view.render import Renderer, RenderOptions, render, span, towards
 
 SMALL = RenderOptions(size=(480, 270), fps=20.0)

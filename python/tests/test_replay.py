@@ -112,7 +112,7 @@ def test_command_ends_by_itself_and_refuses_what_is_no_recording(
     assert main(["replay", str(run[0]), "--no-browser", "--port", str(PORT + 10), "--seconds", "0.5", "--play"]) == 0
     out, err = capfd.readouterr()
     assert out == ""
-    assert "http://localhost:" in err
+    assert "replay on http://localhost:" in err
     (tmp_path / "text.h5").write_text("hello")
     assert main(["replay", str(tmp_path / "text.h5"), "--no-browser"]) == 2
     assert "expected a recording" in capfd.readouterr().err

@@ -9,20 +9,21 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from viser._messages import FileTransferPart, FileTransferStartUpload
+from viser._messages import FileTransferPart, FileTransferStartUpload, RemoveNotificationMessage
 
 import quasirigid as qr
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.summary import rotate
 from quasirigid.view import words
-from quasirigid.view.play import BASE_SPEED, Play
+from quasirigid.view.play import BASE_SPEED, Figures, Play
 from quasirigid.view.pressure import STICK, Scale, nice_above, patch_of, pressure_at
 from quasirigid.view.session import Session
-from quasirigid.view.stage import close_server, free_port, open_server
+from quasirigid.view.stage import close_server, free_port, open_server, page_url
 from quasirigid.view.tactile import HEADING, SIDE, Tactile
 from quasirigid.view.things import LARGEST_UPLOAD, SHAPES, built_in, from_upload
 from quasirigid.view.uploads import UploadGate
@@ -91,7 +92,7 @@ def test_the_scale_grows_at_once_and_shrinks_late() -> None:
     assert [nice_above(x) for x in (1.0, 1.1, 2.1, 5.1, 0.3)] == [1.0, 2.0, 5.0, 10.0, 0.5]
 
 
-def test_a_slider_changes_the_physics_and_a_rebuild_brings_all_back(held: Play) -> None:
+def test_a_slider_changes_the_physics_and_a_rebuild_brings_all_back() -> None:
     play = Play(OPTIONS)
     first = play.world.state_hash()
     for _ in range(1000):
@@ -112,7 +113,11 @@ def test_a_slider_changes_the_physics_and_a_rebuild_brings_all_back(held: Play) 
     assert play.object.position[2] < up - 0.02
     play.build()
     assert play.world.state_hash() == first
-    assert play.figures == held.figures.__class__(4.0, play.figures.friction, 0.2, 9.81, "fingertip_pulp")
+    friction = float(np.sqrt(qr.Material.preset("wood").friction * qr.Material.preset("fingertip_pulp").friction))
+    assert play.figures == Figures(4.0, pytest.approx(friction), 0.2, 9.81, "fingertip_pulp")
+    # What the figures say is what the bodies are made of.
+    stuff = [thing.material for thing in (play.hand, play.object)]
+    assert np.prod([material.friction for material in stuff if material is not None]) == pytest.approx(friction**2)
 
 
 def test_what_is_thrown_and_pushed_through_is_survived() -> None:
@@ -160,13 +165,23 @@ def test_the_simulation_never_runs_ahead_of_the_clock(session: Session) -> None:
 
 
 def test_a_machine_that_is_too_slow_gives_slow_motion_and_says_so(session: Session) -> None:
-    session.observe(lambda _: time.sleep(0.01))
+    def said() -> str:
+        frame = session.newest()[1]
+        return words.figures("closing", frame.state.time, frame.real_time, frame.speed, 0.01, 3, running=frame.running)
+
+    hindered, speed = [True], 0.2  # a fifth of real time: any machine can do that
+    session.observe(lambda play: time.sleep(0.02 if hindered[0] else 0.0))
+    session.set_speed(speed)
     session.run(True)
-    wait_for(lambda: session.newest()[1].real_time < 0.5, "slow motion")
-    text = words.figures("closing", 1.0, session.newest()[1].real_time, 1.0, 0.01, 3, running=True)
-    assert "slow motion" in text
-    # It does not try to catch up: once the hindrance is gone, time goes on at its pace.
-    assert "slow motion" not in words.figures("closing", 1.0, 1.0, 1.0, 0.01, 3, running=True)
+    wait_for(lambda: session.newest()[1].real_time < 0.5 * speed, "slow motion")
+    assert "slow motion" in said()
+    time.sleep(0.5)  # so much to catch up
+    hindered[0] = False
+    began, simulated = time.perf_counter(), session.newest()[1].state.time
+    wait_for(lambda: "slow motion" not in said(), "time goes on at its pace once the hindrance is gone")
+    made = session.newest()[1].state.time - simulated
+    due = speed * (time.perf_counter() - began)
+    assert made < due + speed * 0.1, f"{made:.3f} s of simulated time where {due:.3f} s were due: it caught up"
 
 
 def test_nobody_looking_and_nobody_drawing_holds_nothing_up(session: Session) -> None:
@@ -244,11 +259,19 @@ def test_uploads_are_refused_for_what_is_wrong_with_them() -> None:
         from_upload("../../etc/egg.stl", b"solid nothing", OPTIONS, 0.7, 600.0)
 
 
-def test_uploads_that_are_too_large_are_refused_when_they_are_announced() -> None:
+def test_uploads_that_are_too_large_are_refused_when_they_are_announced(monkeypatch: pytest.MonkeyPatch) -> None:
     server = open_server("127.0.0.1", 8440, "test")
     told: list[str] = []
+    notices: list[str] = []
+    sent: list[Any] = []
+    page = SimpleNamespace(
+        client_id=0,
+        add_notification=lambda title, *_, **__: notices.append(title),
+        _websock_connection=SimpleNamespace(queue_message=sent.append),
+    )
+    monkeypatch.setattr(server, "get_clients", lambda: {0: page})
     try:
-        UploadGate(server, 1000, told.append)
+        gate = UploadGate(server, 1000, told.append)
         button = server.gui.add_upload_button("Load")
         link, waiting = server.gui._websock_interface, server.gui._current_file_upload_states
 
@@ -261,6 +284,9 @@ def test_uploads_that_are_too_large_are_refused_when_they_are_announced() -> Non
 
         announce("large", 1001)
         assert told.pop().startswith("large.stl: expected at most 0 MB")
+        # The page's own notice says "uploaded successfully".
+        assert notices == ["large.stl is refused"]
+        assert (type(sent[0]), sent[0].uuid) == (RemoveNotificationMessage, "upload-large")
         send(FileTransferPart(button._impl.uuid, "large", 0, b"0" * 500))
         assert waiting == {}, "its parts are dropped"
         for name in ("a", "b", "c"):
@@ -274,11 +300,15 @@ def test_uploads_that_are_too_large_are_refused_when_they_are_announced() -> Non
         send(FileTransferPart(button._impl.uuid, "b", 1, b"1" * 400))
         assert button.value.content == b"0" * 600 + b"1" * 400, "a file of the size that was said arrives"
         assert told == []
+        announce("bad", 10, 1)
+        gate.tell_refused(0, "bad.stl", "it is bad")
+        assert notices[-1] == "bad.stl is refused"
+        assert "upload-bad" in [message.uuid for message in sent]
     finally:
         close_server(server)
 
 
-def test_the_next_free_port_is_taken_and_a_strange_host_is_refused() -> None:
+def test_the_next_free_port_is_taken_and_a_strange_host_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         assert free_port("127.0.0.1", port) > port
@@ -288,18 +318,60 @@ def test_the_next_free_port_is_taken_and_a_strange_host_is_refused() -> None:
         with pytest.raises(qr.InvalidValueError, match="port"):
             free_port("127.0.0.1", bad)
 
+    def reserved(*_: Any, **__: Any) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(socket, "create_server", reserved)
+    with pytest.raises(qr.InvalidValueError, match="reserved"):
+        free_port("127.0.0.1", 80)
+
+
+@pytest.mark.parametrize(
+    ("host", "url"),
+    [
+        ("127.0.0.1", "http://localhost:1"),
+        ("0.0.0.0", "http://localhost:1"),
+        ("::", "http://localhost:1"),
+        ("::1", "http://[::1]:1"),
+        ("fe80::2", "http://[fe80::2]:1"),
+        ("10.0.0.7", "http://10.0.0.7:1"),
+    ],
+)
+def test_addresses_can_be_opened_in_a_browser(host: str, url: str) -> None:
+    assert page_url(host, 1) == url
+
+
+def test_what_others_print_while_a_server_is_closed_is_not_lost(capsys: pytest.CaptureFixture[str]) -> None:
+    server = open_server("127.0.0.1", 8450, "test")
+    stop = server.stop
+
+    def slowly() -> None:
+        stop()
+        print("mine")
+
+    server.stop = slowly  # type: ignore[method-assign]
+    close_server(server)
+    assert capsys.readouterr().out == "mine\n", "and nothing of viser's"
+
 
 def test_a_world_is_shown_while_its_owner_steps_it(capsys: pytest.CaptureFixture[str]) -> None:
     world = qr.World()
     ball = world.add_body(qr.Surface.sphere(0.02, points=800), qr.Material.preset("rubber"), mass=0.1, position=(0, 0, 1))
     with qr.view(world, browser=False, port=8420) as shown:
-        assert "live view on http://localhost" in capsys.readouterr().err
+        said = capsys.readouterr().err
+        assert "view of the world on http://localhost" in said
+        assert "load files" not in said
+        assert shown.url in said
         for _ in range(20):
             world.step(10)
             time.sleep(0.01)
         drawing = shown._page.drawing
         assert drawing is not None
         wait_for(lambda: drawing._frames[next(iter(drawing._frames))][1].position[2] < 0.9, "the fall is drawn")
+        wait_for(lambda: "paused" in shown._page._status.content, "it rests")
+        report = world.report
+        assert report is not None
+        assert shown._page._history[-1][2] == report.step_time > 0.0, "the time that a step takes"
         world.remove(ball)
         world.add_body(qr.Surface.box((0.02, 0.02, 0.02), points=800), qr.Material.preset("rubber"), mass=0.1, name="cube")
         wait_for(lambda: [b.name for b in shown._scene.model.bodies] == ["cube"], "the new body is drawn")

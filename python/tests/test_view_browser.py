@@ -265,6 +265,8 @@ def test_an_uploaded_mesh_appears_and_a_bad_file_is_refused_in_the_page(live: Li
     chooser.set_input_files(str(large))
     wait_until(lambda: "large.stl: expected at most 20 MB" in page.content(), "the file is refused in the page")
     assert live.server.gui._current_file_upload_states == {}, "nothing of it is kept"
+    for name in ("bad.obj", "large.stl"):
+        page.get_by_text(f"{name} is refused").wait_for(state="attached")
     wait_until(lambda: page.get_by_role("button", name="Load a file").is_enabled(), "the button waits for another file")
     chooser.set_input_files(str(good))
     wait_until(lambda: frame(live).model.bodies[body(live, "object")].name == "egg", "the egg is in the scene")

@@ -27,6 +27,7 @@ const SIGNALS_EVERY: Duration = Duration::from_millis(50);
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct World {
     engine: Mutex<quasirigid::World>,
+    report: Mutex<Option<Py<StepReport>>>,
 }
 
 impl World {
@@ -125,7 +126,7 @@ impl World {
             params.push_out_speed = speed;
         }
         params.collision_every = conv::count(py, "collision_every", collision_every)?.try_into().unwrap_or(u32::MAX);
-        Ok(Self { engine: Mutex::new(quasirigid::World::new(params).or_raise(py)?) })
+        Ok(Self { engine: Mutex::new(quasirigid::World::new(params).or_raise(py)?), report: Mutex::new(None) })
     }
 
     #[getter]
@@ -183,6 +184,17 @@ impl World {
     #[getter]
     fn steps(&self, py: Python<'_>) -> u64 {
         self.lock(py).steps()
+    }
+
+    #[getter]
+    fn report(&self, py: Python<'_>) -> Option<Py<StepReport>> {
+        self.report.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map(|report| report.clone_ref(py))
+    }
+
+    #[getter]
+    fn quarantined(&self, py: Python<'_>) -> Vec<usize> {
+        let engine = self.lock(py);
+        engine.bodies().iter().enumerate().filter(|(_, entry)| entry.quarantined).map(|(index, _)| index).collect()
     }
 
     #[allow(clippy::too_many_arguments)] // keyword arguments
@@ -253,7 +265,7 @@ impl World {
     }
 
     #[pyo3(signature = (n = 1))]
-    fn step(&self, py: Python<'_>, n: i64) -> PyResult<StepReport> {
+    fn step(&self, py: Python<'_>, n: i64) -> PyResult<Py<StepReport>> {
         let mut left = conv::count(py, "n", n)?;
         if left == 0 {
             return Err(to_py(py, &Error::value("n", "at least 1 step", 0, "ask for a step to get a report")));
@@ -277,11 +289,13 @@ impl World {
                     so_far = Some(report);
                 }
             });
+            so_far = (left > 0).then(|| report.engine.clone());
+            let report = Py::new(py, report)?;
+            *self.report.lock().unwrap_or_else(PoisonError::into_inner) = Some(report.clone_ref(py));
             py.check_signals()?;
             if left == 0 {
                 return Ok(report);
             }
-            so_far = Some(report.engine);
         }
     }
 

@@ -29,6 +29,7 @@ from quasirigid.webxr import IDLE, PORT, Placement, XrServer
 from quasirigid.webxr.pages import LOCAL
 
 if TYPE_CHECKING:
+    from quasirigid.grasp_run import Page
     from quasirigid.view.apart import PageApart
 
 MOST_LOSSES = 4
@@ -50,7 +51,7 @@ def grasp_mocap(
     record: Path | None,
     feedback: Sequence[str] = (),
     feedback_rate: float | None = None,
-    view: bool = False,
+    view: Page | None = None,
     as_json: bool,
 ) -> None:
     """Run a session and print what became of it."""
@@ -71,7 +72,7 @@ def grasp_mocap(
                 raise InvalidValueError(
                     wrong, "none with --mocap webxr", calibration or mocap.bodies, "use --place, or recentre in the headset"
                 )
-            if view:
+            if view is not None:
                 raise InvalidValueError(
                     "--view", "no --mocap webxr", "both", "the page for the headset shows the scene, open it on this machine, too"
                 )
@@ -82,11 +83,11 @@ def grasp_mocap(
             for name, value in (("--place", place), ("--certificate", certificate), ("--key", key)):
                 if value is not None:
                     raise InvalidValueError(name, "--mocap webxr", source, "leave it out: it is about the page for a headset")
-            stream = open_source(source, bind=bind or "0.0.0.0", watched=view)
+            stream = open_source(source, bind=bind or "0.0.0.0", watched=view is not None)
             opened.callback(stream.close)
             viewer = None
-            if view:
-                viewer = page = _open_view()
+            if view is not None:
+                viewer = page = _open_view(view)
                 opened.callback(page.close)
             if isinstance(stream, NetworkSource):
                 host, udp = stream.address
@@ -160,13 +161,14 @@ def _open_page(port: str, host: str, side: str, place: str | None, certificate: 
     return page
 
 
-def _open_view() -> PageApart:
+def _open_view(view: Page) -> PageApart:
     from quasirigid.view.apart import PageApart
-    from quasirigid.view.server import open_browser
+    from quasirigid.view.server import announce, open_browser
 
-    page = PageApart()
-    _say(f"quasirigid: live view on {page.url}  (Ctrl-C ends the session)")
-    open_browser(page.url)
+    page = PageApart(host=view.host, port=view.port)
+    announce(page.url, view.host, view.port, page="live view", can="look on", ends="Ctrl-C ends the session")
+    if view.browser:
+        open_browser(page.url)
     return page
 
 

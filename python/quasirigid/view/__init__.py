@@ -1,10 +1,12 @@
 """The live view in the browser: what is drawn, how, and what a person can do with it.
 
-``quasirigid.view`` is the function ``open_view`` of this package.
+``quasirigid.view(world)`` calls this package: it is ``open_view``.
 """
 
 from __future__ import annotations
 
+import sys
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -24,3 +26,14 @@ def open_view(world: World, *, host: str = "127.0.0.1", port: int = 8080, browse
     from quasirigid.view.watch import watch  # the server takes half a second to import: only who looks pays for it
 
     return watch(world, host, port, browser)
+
+
+class _CallableModule(ModuleType):
+    """``quasirigid.view`` is the package, so that ``import quasirigid.view.replay as r`` finds it, and can be called."""
+
+    def __call__(self, world: World, *, host: str = "127.0.0.1", port: int = 8080, browser: bool = True) -> WorldView:
+        """``open_view``."""
+        return open_view(world, host=host, port=port, browser=browser)
+
+
+sys.modules[__name__].__class__ = _CallableModule

@@ -10,19 +10,18 @@ import signal
 import sys
 import threading
 import time
-from collections import deque
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 
 from quasirigid.errors import NetworkError
 from quasirigid.view import words
+from quasirigid.view.mishaps import Mishaps
+from quasirigid.view.pace import Pace
 from quasirigid.view.scene import SceneModel, SceneState
-from quasirigid.view.stage import LOCAL, PORT, free_port
+from quasirigid.view.stage import PORT, free_port, page_url
 
 STATES = 30.0
 """States sent to the page per second, at most."""
-MEASURED = 1.0
-"""The pace that is shown is that of the last so many seconds."""
 HEADROOM = 0.2
 """Room for a hand above what is there at the start, m."""
 PATIENCE = 60.0
@@ -61,7 +60,7 @@ class PageApart:
     @property
     def url(self) -> str:
         """Address of the page."""
-        return f"http://{'localhost' if self.host in (*LOCAL, '0.0.0.0', '::') else self.host}:{self.port}"
+        return page_url(self.host, self.port)
 
     @property
     def alive(self) -> bool:
@@ -123,7 +122,7 @@ def _serve(pipe: Connection, host: str, port: int) -> None:
 
     page = OnlookPage(host, port, headroom=HEADROOM)
     pipe.send(page.server.get_port())
-    trace: deque[tuple[float, float]] = deque()
+    pace, mishaps = Pace(), Mishaps()
     state: SceneState | None = None
     settled = False
     try:
@@ -133,15 +132,16 @@ def _serve(pipe: Connection, host: str, port: int) -> None:
                 model, state = _newest(pipe)
                 if model is not None:
                     page.begin(model, state)
-                    trace.clear()
-                trace.append((time.perf_counter(), state.time))
-                while trace[-1][0] - trace[0][0] > MEASURED:
-                    trace.popleft()
+                    pace.clear()
+                pace.tell(state.time)
             elif state is None or (settled and not page.changed):
                 continue
             else:
                 settled = True  # nothing new has come: what is on show stays for a while
-            page.draw(state, _status(state, trace), exact=settled)
+            try:
+                page.draw(state, _status(state, pace), exact=settled)
+            except Exception as error:
+                mishaps.tell(error)
     except (EOFError, OSError):
         pass  # the session has ended
     finally:
@@ -158,10 +158,8 @@ def _newest(pipe: Connection) -> tuple[SceneModel | None, SceneState]:
             return model, state
 
 
-def _status(state: SceneState, trace: deque[tuple[float, float]]) -> str:
+def _status(state: SceneState, pace: Pace) -> str:
     from quasirigid.view.tracked import hand_rows
 
-    span = trace[-1][0] - trace[0][0]
-    pace = (trace[-1][1] - trace[0][1]) / span if span > 0.5 * MEASURED else 1.0
-    text = words.figures(state.phase, state.time, pace, 1.0, state.step_time, len(state.contacts), running=state.time > 0.0)
+    text = words.figures(state.phase, state.time, pace.value(1.0), 1.0, state.step_time, len(state.contacts), running=state.time > 0.0)
     return text if state.tracked is None else text + words.table(hand_rows(state.tracked, state))

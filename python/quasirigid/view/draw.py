@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 import viser
 
-from quasirigid.palette import FINGER_COLOURS
+from quasirigid.palette import FINGER_COLOURS, SLIP_COLOUR, STICK_COLOUR
 from quasirigid.view.detail import PadDetail
 from quasirigid.view.meshes import is_convex, spacing_of, thinned
 from quasirigid.view.parts import POSE_TOLERANCE, SHAPE_TOLERANCE, Joined, LinePool, PatchPool
-from quasirigid.view.pressure import SLIP, SLIP_COLOUR, STICK_COLOUR, Scale, alike, colour_map, matrix_of, pressure_at, rgb, world_patch
+from quasirigid.view.pressure import SLIP, Scale, alike, colour_map, matrix_of, pressure_at, rgb, world_patch
 from quasirigid.view.scene import BodyView, Colour, FloatArray, IntArray, SceneModel, SceneState
 from quasirigid.view.unlit import unlit_glb
 
@@ -294,8 +294,8 @@ class SceneDrawing:
         if self.layers.contact_forces and largest > 0.0:
             loaded = np.flatnonzero(size > SEEN_STROKE * largest)
             starts = contacts.points[loaded]
-            # On side b, into which fingertips press: the strokes point from the pad into the object.
-            ends = starts - contacts.forces[loaded] * (0.005 / max(largest, 1e-9))
+            # The strokes point from the pad into the object.
+            ends = starts + self.model.pushes(contacts)[loaded] * (0.005 / max(largest, 1e-9))
             slipping = contacts.status[loaded] == SLIP
             crosses = cross_marks(starts[slipping], contacts.normals[loaded][slipping], 6e-4)
             which = np.concatenate([slipping.astype(np.int64), np.ones(len(crosses), np.int64)])

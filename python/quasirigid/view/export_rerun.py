@@ -11,13 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from quasirigid.errors import MissingPackageError
-from quasirigid.palette import FINGER_COLOURS
+from quasirigid.palette import FINGER_COLOURS, SLIP_COLOUR, STICK_COLOUR
 from quasirigid.scene_plot import pad_colours
 from quasirigid.scene_recording import SceneRecording, frames_of
-from quasirigid.scene_shot import spread
 from quasirigid.summary import rotate
 from quasirigid.view.export import window_of
-from quasirigid.view.pressure import SLIP, SLIP_COLOUR, STICK_COLOUR, rgb
+from quasirigid.view.pressure import SLIP, rgb, spread
 from quasirigid.view.scene import SceneState
 
 RATE = 60.0
@@ -105,7 +104,10 @@ class _Writer:
         loaded = c.reactions[:, 0] > 0.0
         colours = np.where((c.status[loaded] == SLIP)[:, None], rgb(SLIP_COLOUR), rgb(STICK_COLOUR)).astype(np.uint8)
         longest = max(float(np.linalg.norm(c.forces, axis=1).max(initial=0.0)), 1e-9)
-        log("scene/contacts", rr.Arrows3D(origins=c.points[loaded], vectors=-c.forces[loaded] * (0.005 / longest), colors=colours))
+        log(
+            "scene/contacts",
+            rr.Arrows3D(origins=c.points[loaded], vectors=self._model.pushes(c)[loaded] * (0.005 / longest), colors=colours),
+        )
         for finger, (tip, name) in enumerate(zip(self._tips, self._model.fingers, strict=True)):
             weight = c.reactions[:, 0] * ((c.body_a == tip) | (c.body_b == tip))
             at = [weight @ c.points / weight.sum()] if weight.sum() > 0.0 else np.zeros((0, 3))

@@ -53,7 +53,7 @@ def triangulate(points: FloatArray, normals: FloatArray) -> IntArray:
             # On a closed surface the normals cancel: there is no hole to keep open.
             return star if length < CLOSED else _without_long_edges(points, star)
         faces = _cocone(points, normals)
-    return _outward(points, normals, _without_long_edges(points, faces))
+    return outward(points, normals, _without_long_edges(points, faces))
 
 
 def _in_plane(points: FloatArray, normal: FloatArray) -> IntArray:
@@ -75,7 +75,7 @@ def _from_within(points: FloatArray, normals: FloatArray) -> IntArray | None:
         rays /= lengths[:, None]
         if np.einsum("ij,ij->i", rays, normals).min() > 0.02:
             try:
-                return _outward(rays, rays, np.asarray(ConvexHull(rays).simplices, dtype=np.int64))
+                return outward(rays, rays, np.asarray(ConvexHull(rays).simplices, dtype=np.int64))
             except QhullError:
                 return None
     return None
@@ -136,7 +136,8 @@ def _without_long_edges(points: FloatArray, faces: IntArray) -> IntArray:
     return short
 
 
-def _outward(points: FloatArray, normals: FloatArray, faces: IntArray) -> IntArray:
+def outward(points: FloatArray, normals: FloatArray, faces: IntArray) -> IntArray:
+    """The ``faces`` (m, 3) with their corners counter-clockwise as seen from outside, where the ``normals`` (n, 3) point."""
     a, b, c = (points[faces[:, i]] for i in range(3))
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), normals[faces].sum(axis=1)) < 0.0
     faces = faces.copy()
@@ -203,7 +204,7 @@ def thinned(points: FloatArray, normals: FloatArray, sagitta: float = SAGITTA) -
     if length > 0.5 and (normals @ mean).min() > FLAT * length:
         _, _, axes = np.linalg.svd((mean / length)[None])
         kept = np.asarray(ConvexHull(points @ axes[1:].T).vertices, dtype=np.int64)
-        return kept, _outward(points[kept], normals[kept], _in_plane(points[kept], mean / length))
+        return kept, outward(points[kept], normals[kept], _in_plane(points[kept], mean / length))
     kept = _apart_enough(points, normals, sagitta)
     inner, corners = _plane_parts(points, normals)
     if len(inner):
@@ -280,7 +281,7 @@ def _convex(points: FloatArray, normals: FloatArray, kept: IntArray, sagitta: fl
     for some in np.array_split(points, max(1, len(points) * len(hull.equations) // 4_000_000)):
         if (some @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1).min() < -sagitta:
             return None
-    return _outward(points[kept], normals[kept], np.asarray(hull.simplices, dtype=np.int64))
+    return outward(points[kept], normals[kept], np.asarray(hull.simplices, dtype=np.int64))
 
 
 Mesh = tuple[FloatArray, FloatArray, IntArray]
@@ -310,7 +311,7 @@ def tapered_capsule(start: FloatArray, end: FloatArray, start_radius: float, end
     k = np.arange(around)
     first, last = 1 + np.stack([k, (k + 1) % around]), 1 + (len(rows) - 1) * around + np.stack([k, (k + 1) % around])
     poles = [np.stack([np.full(around, pole), *ends], axis=-1) for pole, ends in ((0, first), (len(points) - 1, last))]
-    return points, normals, _outward(points, normals, np.concatenate([side, *poles]))
+    return points, normals, outward(points, normals, np.concatenate([side, *poles]))
 
 
 def joined(meshes: list[Mesh]) -> Mesh:

@@ -15,7 +15,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from PIL import Image, ImageDraw, ImageFont
 
-from quasirigid.palette import FINGER_COLOURS
+from quasirigid.palette import FINGER_COLOURS, SLIP_COLOUR
 from quasirigid.plots import INK, MUTED, SLIP
 from quasirigid.scene_recording import SceneRecording
 from quasirigid.splats import Camera, FloatArray, halved, shade
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 Box = tuple[int, int, int, int]
 """Left, top, width, height, px."""
-SLIPPING = "#D55E00"
 ARROW = 0.035
 """Length of the longest force arrow, m."""
 DPI = 100
@@ -191,7 +190,7 @@ class Overlay:
                     (_short(name), 13, colour, True),
                     (f"{state.normal_forces[finger]:.2f} N", 15, colour, True),  # as in the chart below
                     (f"{int(mine.sum())} contacts", 12, MUTED, False),
-                    (f"{slips} slip" if slips else ("all stick" if mine.any() else ""), 12, SLIPPING if slips else MUTED, False),
+                    (f"{slips} slip" if slips else ("all stick" if mine.any() else ""), 12, INK if slips else MUTED, False),
                 ]
             ):
                 self._text(pen, (tx, y + (2 + 20 * line) * u), text, size, ink, bold=bold)
@@ -220,7 +219,7 @@ class Overlay:
         places = camera.project(c.points[slips])[:, :2] * camera.scale / 2 * [1.0, -1.0] + side / 2
         ring = max(2.0, 0.022 * side)
         for px, py in places:
-            pen.ellipse([px - ring, py - ring, px + ring, py + ring], outline=SLIPPING, width=max(1, round(1.6 * self.layout.unit)))
+            pen.ellipse([px - ring, py - ring, px + ring, py + ring], outline=SLIP_COLOUR, width=max(1, round(1.6 * self.layout.unit)))
         return image
 
     def _draw_bar(self) -> Image.Image:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import queue
 import threading
 from collections.abc import Callable
@@ -12,6 +13,7 @@ from typing import Any
 import viser
 
 from quasirigid.errors import QuasirigidError
+from quasirigid.grasp import Taken
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.objects import FORMATS
 from quasirigid.view import words
@@ -21,6 +23,8 @@ from quasirigid.view.session import Frame, Session
 from quasirigid.view.things import LARGEST_UPLOAD, SHAPES, built_in, from_upload
 from quasirigid.view.uploads import UploadGate
 
+KEPT = 4
+"""Objects from files that can be chosen again."""
 SOFT = ("fingertip_pulp", "silicone", "ecoflex", "rubber")
 """Materials that a fingertip may be of."""
 
@@ -33,6 +37,19 @@ def from_page(event: Any) -> bool:
 def set_value(handle: Any, value: object) -> None:
     """Sets what an input shows; viser's own type for it is read-only to type checkers."""
     handle.value = value
+
+
+def show_value(slider: viser.GuiSliderHandle[float], value: float) -> None:
+    """Sets a slider to what is so, and widens it where that lies outside: the figure of a file or of the command line is not touched."""
+    widened: Any = slider
+    if value > widened.max:
+        widened.max = value
+    if value < widened.min:
+        widened.min = value
+    if 0.0 < value < widened.step:  # else it would be shown as 0
+        widened.precision = 1 - math.floor(math.log10(value))
+        widened.step = 10.0**-widened.precision
+    set_value(slider, float(value))
 
 
 class ViewPanel:
@@ -72,9 +89,16 @@ class ViewPanel:
 class ControlPanel:
     """Run, hand, figures, object."""
 
-    def __init__(self, server: viser.ViserServer, session: Session, options: GraspOptions) -> None:
+    def __init__(self, server: viser.ViserServer, session: Session, options: GraspOptions, play: Play) -> None:
+        """``play`` is what the session begins with, made from ``options``."""
         self._session, self._options = session, options
         self._generation = -1
+        self._choice = play.choice
+        """What the object is now."""
+        self._files: dict[str, Callable[[], Play]] = {}
+        """What makes a grasp of an object from a file, by the name in the list, the oldest first."""
+        if play.choice not in SHAPES:
+            self._keep(play)
         gui = server.gui
         self._status = gui.add_html("")
         self._pull = gui.add_html("")
@@ -93,15 +117,14 @@ class ControlPanel:
             }
             self._pad = gui.add_dropdown("Fingertips", SOFT, initial_value=SOFT[0])
         with gui.add_folder("Object"):
-            given = None if options.object is None else options.object.stem
-            self._shape = gui.add_dropdown("Shape", (*SHAPES, *([given] if given else [])), initial_value=given or SHAPES[0])
+            self._shape = gui.add_dropdown("Shape", (*SHAPES, *self._files), initial_value=play.choice)
             upload = gui.add_upload_button(
                 "Load a file", mime_type=",".join(FORMATS), hint=f"{', '.join(FORMATS)}; at most {LARGEST_UPLOAD // 1024**2} MB"
             )
             self._note = gui.add_html("")
         self._message = ""
         self._lock = threading.Lock()
-        UploadGate(server, LARGEST_UPLOAD, self._say)
+        gate = UploadGate(server, LARGEST_UPLOAD, self._say)
 
         @run.on_click
         def _(event: viser.GuiEvent[Any]) -> None:
@@ -146,29 +169,46 @@ class ControlPanel:
 
         @self._shape.on_update
         def _(event: viser.GuiEvent[Any]) -> None:
-            if from_page(event) and event.target.value in SHAPES:
+            if from_page(event):
                 name = event.target.value
-                self._load(lambda o, mu, _density: built_in(name, o, mu))
+                self._load(self._files.get(name, lambda: self._another(name, lambda o, mu, _density: built_in(name, o, mu))))
 
         @upload.on_upload
         def _(event: viser.GuiEvent[Any]) -> None:
             file = event.target.value
-            self._say("")
-            self._load(lambda o, mu, density: from_upload(file.name, file.content, o, mu, density))
-            name = Path(file.name).stem
-            if not self._message and name not in SHAPES:
-                self._shape.options = (*SHAPES, name)
-                set_value(self._shape, name)
+            name = Path(file.name).name
 
-    def _load(self, taken: Callable[[GraspOptions, float, float], Any]) -> None:
-        """Builds a grasp of another object here, not in the simulation thread, and then swaps it in."""
-        options = replace(self._options, object=None, scale=None, size=None)
+            def make() -> Play:
+                play = self._another(name, lambda o, mu, density: from_upload(name, file.content, o, mu, density))
+                self._keep(play)
+                self._shape.options = (*SHAPES, *self._files)
+                return play
+
+            self._load(make, lambda why: gate.tell_refused(event.client_id, name, why))
+
+    def _another(self, name: str, taken: Callable[[GraspOptions, float, float], Taken]) -> Play:
+        """A grasp of an object other than that of the options."""
+        return Play(replace(self._options, object=None, scale=None, size=None), taken, name)
+
+    def _keep(self, play: Play) -> None:
+        """Remember how an object from a file is made, so that it can be chosen again; the newest of a name."""
+        options, taken, name = play.options, play.grasp.taken, play.choice
+        self._files.pop(name, None)
+        self._files[name] = lambda: Play(options, lambda *_: taken, name)
+        for oldest in list(self._files)[:-KEPT]:
+            del self._files[oldest]
+
+    def _load(self, make: Callable[[], Play], refused: Callable[[str], None] | None = None) -> None:
+        """Builds a grasp of another object here, not in the simulation thread, and then swaps it in. ``refused`` is told why it could not be."""
+        self._say("")
         try:
-            play = Play(options, taken)
+            play = make()
         except QuasirigidError as error:
             self._say(str(error))
+            set_value(self._shape, self._choice)
+            if refused is not None:
+                refused(str(error))
             return
-        self._say("")
         self._note.content = words.note("; ".join(play.grasp.taken.warnings))
         self._session.load(lambda: play)
 
@@ -199,11 +239,11 @@ class ControlPanel:
         except queue.Empty:
             pass
         if frame.generation != self._generation:
-            self._generation = frame.generation
+            self._generation, self._choice = frame.generation, frame.choice
             self._follow(frame.figures)
+            set_value(self._shape, frame.choice)
 
     def _follow(self, figures: Figures) -> None:
         for name, slider in self._sliders.items():
-            set_value(slider, float(min(max(getattr(figures, name), slider.min), slider.max)))
-        if figures.pad in SOFT:
-            set_value(self._pad, figures.pad)
+            show_value(slider, getattr(figures, name))
+        set_value(self._pad, figures.pad)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quasirigid._quasirigid import Material, StepReport, Surface
-from quasirigid.errors import QuasirigidError
+from quasirigid.errors import InvalidValueError, QuasirigidError
 from quasirigid.grasp import LIFT, Grasp, Taken, minimum_jerk
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.summary import FloatArray, conjugate, rotate
@@ -32,9 +32,11 @@ PULL_FREQUENCY = 5.0
 PULL_LIMIT = 15.0
 """Strongest pull, N."""
 LOST = 0.5
-"""Objects farther away than this are lost, m."""
+"""Objects farther away than this from the hand, and from where it started, are lost, m."""
 EMPTY = 0.02
 """A hand that presses with less holds nothing, N."""
+HOLDING = ("holding", "weak")
+"""States of a grip that holds; weak is with less than was asked for."""
 STAND_GOES = 0.4
 """The stand of an object lets go within so many seconds once the fingers hold it."""
 STEP_SHARE = 0.8
@@ -59,9 +61,14 @@ class Figures:
 class Play:
     """A grasp to play with. Every method is called from the simulation thread."""
 
-    def __init__(self, options: GraspOptions, taken: Callable[[GraspOptions, float, float], Taken] | None = None) -> None:
-        """``taken`` makes the object from options, friction and density; ``None`` is the one the options speak of."""
+    def __init__(
+        self, options: GraspOptions, taken: Callable[[GraspOptions, float, float], Taken] | None = None, choice: str | None = None
+    ) -> None:
+        """``taken`` makes the object from options, friction and density; ``None`` is the one the options speak of. ``choice`` is what it
+        is called in the panel's list; ``None``: the name of its file, or ``"box"``.
+        """
         self.options = options
+        self.choice = choice or ("box" if options.object is None else options.object.name)
         self._make = taken
         self._prepared: Taken | None = None
         self.build()
@@ -138,23 +145,30 @@ class Play:
         self.grip.open()
 
     def lift(self, up: bool) -> None:
-        """Send the hand up, or back to where it started. The squeeze is kept up on the way."""
-        if self.grip.state in ("squeezing", "holding", "weak"):
+        """Send the hand LIFT up or down from where it is sent now; down no deeper than where it started. The squeeze is kept up on the way."""
+        if self.grip.state in ("squeezing", *HOLDING):
             self._let_stand_go()
             self.grip.squeeze = self.figures.squeeze
-        place, turn = self._home
-        self._aim = (place + np.array([0.0, 0.0, LIFT if up else 0.0]), turn)
+        (x, y, z), turn = self._aim
+        lowest = min(float(self._home[0][2]), z)
+        self._aim = (np.array([x, y, z + LIFT if up else max(z - LIFT, lowest)]), turn)
 
     # What hands on the scene do.
 
     def aim_base(self, position: FloatArray, quaternion: FloatArray) -> None:
-        """Where the hand's base shall go; it follows at the pace of a hand."""
-        if self.grip.state == "holding" and self._stand > 0.0:
+        """Where the hand's base shall go; it follows at the pace of a hand. Raises ``InvalidValueError`` for what is no pose."""
+        _check_place("position", position)
+        if np.shape(quaternion) != (4,) or not abs(float(np.linalg.norm(quaternion)) - 1.0) < 1e-3:
+            raise InvalidValueError("quaternion", "four numbers of length 1", quaternion, "send w, x, y, z")
+        if self.grip.state in HOLDING and self._stand > 0.0:
             self._let_stand_go()
         self._aim = (position, quaternion)
 
     def aim_finger(self, finger: int, position: FloatArray) -> None:
-        """Where the middle of a fingertip's pad shall go, world; the grip lets go of all joints."""
+        """Where the middle of a fingertip's pad shall go, (3,) m, world; the grip lets go of all joints. Raises ``InvalidValueError`` for
+        what is no place.
+        """
+        _check_place("position", position)
         positions, quaternions = self.hand.tip_poses()
         if finger not in self._fingers:
             self._fingers[finger] = self._in_hand(positions[finger])
@@ -162,7 +176,12 @@ class Play:
         self._aims[finger] = self._in_hand(position)
 
     def pull(self, grabbed: FloatArray | None, to: FloatArray | None) -> None:
-        """Pull the object at ``grabbed``, (3,) m, object frame, towards ``to``, (3,) m, world; ``None`` lets go."""
+        """Pull the object at ``grabbed``, (3,) m, object frame, towards ``to``, (3,) m, world; ``None`` lets go. Raises
+        ``InvalidValueError`` for what is no place.
+        """
+        for what, place in (("grabbed", grabbed), ("to", to)):
+            if place is not None:
+                _check_place(what, place)
         self._pull = None if grabbed is None or to is None else (grabbed, to)
         if self._pull is None:
             self.object.apply_wrench((0.0, 0.0, 0.0))
@@ -175,7 +194,7 @@ class Play:
         if self._pull is None:
             return None
         start = self.object.position + rotate(self.object.quaternion, self._pull[0])
-        return start, self._pull[1], float(np.linalg.norm(self._pull_force(start)))
+        return start, self._pull[1], float(np.linalg.norm(self._pull_wrench(start)[0]))
 
     def step(self) -> StepReport:
         """One step of the world."""
@@ -186,8 +205,8 @@ class Play:
         else:
             self.grip.update()
         if self._pull is not None:
-            self._apply_pull()
-        if self._stand > 0.0 and not self.grasp.taken.flat and self.grip.state == "holding":
+            self.object.apply_wrench(*self._pull_wrench(self.object.position + rotate(self.object.quaternion, self._pull[0])))
+        if self._stand > 0.0 and not self.grasp.taken.flat and self.grip.state in HOLDING:
             self._stand = max(0.0, self._stand - self.world.dt / STAND_GOES)
             self.grasp.hold_by_stand(minimum_jerk(self._stand))
         self.report = self.world.step()
@@ -200,13 +219,15 @@ class Play:
     @property
     def phase(self) -> str:
         """What is going on."""
-        if self.report is not None and self.report.quarantined:
+        if self.world.quarantined:
             return "a body was set aside: press Reset"
-        if float(np.linalg.norm(self.object.position - self._home[0])) > LOST:
+        if min(float(np.linalg.norm(self.object.position - place)) for place in (self._home[0], self.hand.position)) > LOST:
             return "the object is out of reach: press Reset"
-        if self.grip.state == "holding" and float(np.abs(self.grip.forces()).max()) < EMPTY:
+        if self.grip.state in HOLDING and float(np.abs(self.grip.forces()).max()) < EMPTY:
             return "nothing in the hand: press Open and Close, or Reset"
-        return "fingers by hand" if self._fingers else self.grip.state
+        if self._fingers:
+            return "fingers by hand"
+        return "holding, with less than was asked for" if self.grip.state == "weak" else self.grip.state
 
     def finger_aims(self) -> FloatArray:
         """Where each fingertip is, or is sent, (fingers, 3) m, world: where its gizmo belongs."""
@@ -268,23 +289,28 @@ class Play:
             self._fingers[finger] = next_place
         self.hand.joint_targets = targets
 
-    def _pull_force(self, start: FloatArray) -> FloatArray:
+    def _pull_wrench(self, start: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Force (N) and torque about the centre of mass (N m), world, of a damped spring from ``start``, the grabbed point, to the pointer:
+        `F = k (x* - x) - c v`, critically damped for the free object. Neither the spring nor the whole is stronger than PULL_LIMIT.
+        """
         assert self._pull is not None
-        mass = max(self.object.mass, 1e-3)
-        stiffness = mass * (2.0 * np.pi * PULL_FREQUENCY) ** 2
-        force = stiffness * (self._pull[1] - start)
-        size = float(np.linalg.norm(force))
-        limited: FloatArray = force * min(1.0, PULL_LIMIT / size) if size > 0.0 else force
-        return limited
+        mass, rate = max(self.object.mass, 1e-3), 2.0 * np.pi * PULL_FREQUENCY
+        damping = 2.0 * mass * rate
+        spring = _limited(mass * rate**2 * (self._pull[1] - start))
+        wanted = spring - damping * self.object.linear_velocity
+        force = _limited(wanted)
+        share = float(np.linalg.norm(force)) / max(float(np.linalg.norm(wanted)), 1e-300)
+        # Damping acts at the centre of mass; (2 cm)^2 of it on the spin: swings die down.
+        torque = share * np.cross(start - self.object.centre_of_mass, spring) - damping * 4e-4 * self.object.angular_velocity
+        return force, torque
 
-    def _apply_pull(self) -> None:
-        """A damped spring from the grabbed point to the pointer: `F = k (x* - x) - c v`, critically damped for the free object."""
-        assert self._pull is not None
-        start = self.object.position + rotate(self.object.quaternion, self._pull[0])
-        arm = start - self.object.centre_of_mass
-        mass = max(self.object.mass, 1e-3)
-        damping = 2.0 * mass * 2.0 * np.pi * PULL_FREQUENCY
-        force = self._pull_force(start) - damping * self.object.linear_velocity
-        spin = self.object.angular_velocity
-        torque = np.cross(arm, self._pull_force(start)) - damping * 4e-4 * spin  # (2 cm)^2: swings die down
-        self.object.apply_wrench(force, torque)
+
+def _limited(force: FloatArray) -> FloatArray:
+    size = float(np.linalg.norm(force))
+    return force if size <= PULL_LIMIT else force * (PULL_LIMIT / size)
+
+
+def _check_place(what: str, place: FloatArray) -> None:
+    """What comes from a page may be anything."""
+    if np.shape(place) != (3,) or not np.isfinite(place).all():
+        raise InvalidValueError(what, "three finite numbers, m", place, "drag it again")

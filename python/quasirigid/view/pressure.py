@@ -12,8 +12,6 @@ from matplotlib import colormaps
 from quasirigid.view.scene import ContactsState, FloatArray, SceneState
 
 STICK, SLIP = 1, 2
-STICK_COLOUR, SLIP_COLOUR = "#0072B2", "#E69F00"
-"""Blue and orange: told apart with any colour vision. Slipping contacts carry a cross as well."""
 COLOURS: npt.NDArray[np.uint8] = (colormaps["viridis"](np.linspace(0.0, 1.0, 256))[:, :3] * 255.0).round().astype(np.uint8)
 """Viridis, (256, 3): perceptually uniform, colour-blind-safe."""
 
@@ -107,22 +105,29 @@ def patch_of(state: SceneState, body: int) -> Patch:
 
 
 def pressure_at(points: FloatArray | npt.NDArray[np.float32], patch: Patch) -> FloatArray:
-    """Pressure (n,) Pa at ``points`` (n, 3), same frame: that of the contacts around, a Gaussian as wide as they are apart."""
-    if len(patch.points) == 0 or patch.pressures.max(initial=0.0) <= 0.0:
+    """Pressure (n,) Pa at ``points`` (n, 3), frame of the ``patch``."""
+    return spread(points, patch.points, patch.pressures, patch.areas)
+
+
+def spread(points: FloatArray | npt.NDArray[np.float32], spots: FloatArray, pressures: FloatArray, areas: FloatArray) -> FloatArray:
+    """Pressure (n,) Pa at ``points`` (n, 3) m: that of the contacts around, a Gaussian as wide as they are apart. The contacts are at ``spots``
+    (c, 3) m, have ``pressures`` (c,) Pa and ``areas`` (c,) m^2.
+    """
+    if len(spots) == 0 or pressures.max(initial=0.0) <= 0.0:
         return np.zeros(len(points))
-    apart = float(np.sqrt(patch.areas.mean()))
+    apart = float(np.sqrt(areas.mean()))
     h = 0.8 * apart
     # Single precision about the middle of the patch: far below what a colour shows.
-    middle = patch.points.mean(axis=0)
-    there, spots = ((points - middle) / h).astype(np.float32), ((patch.points - middle) / h).astype(np.float32)
-    weight = there @ (2.0 * spots.T)
+    middle = spots.mean(axis=0)
+    there, here = ((points - middle) / h).astype(np.float32), ((spots - middle) / h).astype(np.float32)
+    weight = there @ (2.0 * here.T)
     weight -= (there**2).sum(axis=1)[:, None]
-    weight -= (spots**2).sum(axis=1)
+    weight -= (here**2).sum(axis=1)
     np.maximum(weight, -80.0, out=weight)
     np.exp(weight, out=weight)
     # Where few contacts are around, at the rim, the rest counts as unloaded. Within the patch the sum is pi (h / apart)^2.
     total = np.maximum(weight.sum(axis=1), 0.75 * math.pi * (h / apart) ** 2)
-    result: FloatArray = (weight @ patch.pressures.astype(np.float32)).astype(np.float64) / total
+    result: FloatArray = (weight @ pressures.astype(np.float32)).astype(np.float64) / total
     return result
 
 

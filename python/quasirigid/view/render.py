@@ -20,16 +20,16 @@ import matplotlib.colors
 import numpy as np
 
 from quasirigid.errors import InvalidShapeError, InvalidValueError, UnknownNameError
-from quasirigid.palette import FINGER_COLOURS
+from quasirigid.palette import FINGER_COLOURS, SLIP_COLOUR
 from quasirigid.quiet import quiet_fonts
 from quasirigid.scene_plot import CELL, compose, floor_lines, pad_colours, soft_shadow, tinted, view_of
 from quasirigid.scene_recording import SceneRecording
-from quasirigid.scene_shot import spread
 from quasirigid.splats import Camera, FloatArray, Layer, halved
 from quasirigid.summary import rotate
 from quasirigid.triangles import IntArray, rasterise
 from quasirigid.view.media import Film, Frame, frame_steps, open_writer
-from quasirigid.view.overlay import SLIPPING, Layout, Overlay
+from quasirigid.view.overlay import Layout, Overlay
+from quasirigid.view.pressure import spread
 from quasirigid.view.scene import BodyView, SceneState
 
 FINE = 2
@@ -379,7 +379,7 @@ def render(
 def accents() -> Frame:
     """Colours that mean something: of pressure, of the fingers, of what slips, of the ground; (1, n, 3)."""
     pressure = 255.0 * matplotlib.colormaps["viridis"](np.linspace(0.0, 1.0, SHADES))[:, :3]
-    others = [255.0 * np.array(matplotlib.colors.to_rgb(colour)) for colour in (*FINGER_COLOURS, SLIPPING, "white")]
+    others = [255.0 * np.array(matplotlib.colors.to_rgb(colour)) for colour in (*FINGER_COLOURS, SLIP_COLOUR, "white")]
     colours: Frame = np.concatenate([pressure, others]).round().astype(np.uint8)[None]
     return colours
 

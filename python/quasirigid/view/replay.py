@@ -14,12 +14,13 @@ import viser
 from quasirigid.scene_recording import SceneRecording
 from quasirigid.view import words
 from quasirigid.view.draw import Layers, SceneDrawing
+from quasirigid.view.mishaps import Mishaps
 from quasirigid.view.panel import ViewPanel, from_page, set_value
 from quasirigid.view.plots import Curves
 from quasirigid.view.pressure import SLIP, Scale
 from quasirigid.view.scene import SceneState
 from quasirigid.view.server import LEFT_WIDTH, SLOW_RATE
-from quasirigid.view.stage import LOCAL, PORT, add_ground, close_server, open_server, place_camera
+from quasirigid.view.stage import PORT, add_ground, close_server, open_server, page_url, place_camera
 from quasirigid.view.tactile import Tactile
 
 RATE = 40.0
@@ -127,7 +128,7 @@ class ReplayView:
     @property
     def url(self) -> str:
         """Address of the page."""
-        return f"http://{'localhost' if self.host in (*LOCAL, '0.0.0.0', '::') else self.host}:{self.server.get_port()}"
+        return page_url(self.host, self.server.get_port())
 
     @property
     def step(self) -> int:
@@ -212,7 +213,7 @@ class ReplayView:
         curves.show(times.tolist(), forces.tolist(), columns["report/step_time"][thin].tolist(), columns["report/contacts"][thin].tolist())
 
     def _show_on(self) -> None:
-        slow = 0.0
+        slow, mishaps = 0.0, Mishaps()
         while not self._ended.is_set():
             began = time.perf_counter()
             playing = self.timeline.playing
@@ -221,19 +222,29 @@ class ReplayView:
             settled = not self.timeline.playing
             if step != self._step or redraw or (settled and playing):
                 self._redraw.clear()
-                if redraw:
-                    self._drawing.apply_layers()
-                state = self.recording.state(step)
-                self._drawing.draw(state, exact=settled)
-                self._step = step
-                if settled or began - slow > 1.0 / SLOW_RATE:
-                    slow = began
-                    self._figures(state)
+                slowly = settled or began - slow > 1.0 / SLOW_RATE
+                slow = began if slowly else slow
+                try:
+                    self._show(step, redraw=redraw, exact=settled, figures=slowly)
+                except Exception as error:  # a damaged step, or the server was stopped meanwhile: the next one may be whole
+                    self._step = step
+                    if not self._ended.is_set():
+                        mishaps.tell(error)
+                        self._status.content = words.complaint(f"step {step} cannot be shown: {error}")
             if settled:
                 self._wake.wait(0.2)
                 self._wake.clear()
             else:
                 time.sleep(max(0.0, 1.0 / RATE - (time.perf_counter() - began)))
+
+    def _show(self, step: int, *, redraw: bool, exact: bool, figures: bool) -> None:
+        if redraw:
+            self._drawing.apply_layers()
+        state = self.recording.state(step)
+        self._drawing.draw(state, exact=exact)
+        self._step = step
+        if figures:
+            self._figures(state)
 
     def _figures(self, state: SceneState) -> None:
         """What is slow to show: words, legend, pictures, the slider."""

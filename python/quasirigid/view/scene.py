@@ -16,6 +16,8 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Kind = Literal["object", "fingertip", "link", "support"]
+PUSHERS: tuple[Kind, ...] = ("fingertip", "link", "support", "object")
+"""Who pushes whom: each kind those after it."""
 Colour = tuple[float, float, float]
 """Red, green, blue, 0 to 1, sRGB."""
 
@@ -55,6 +57,15 @@ class SceneModel:
         """Index of the body that is the fingertip of each finger."""
         where = {body.finger: i for i, body in enumerate(self.bodies) if body.kind == "fingertip"}
         return [where[f] for f in range(len(self.fingers)) if f in where]
+
+    def pushes(self, contacts: ContactsState) -> FloatArray:
+        """(c, 3) N, world: in every contact the force on what is pushed. Fingers push whatever they touch, supports push objects; between two
+        equals it is the force on body b. Which of the two is body a depends on whose surface is sampled finer.
+        """
+        rank = np.array([PUSHERS.index(body.kind) for body in self.bodies] + [PUSHERS.index("support")])  # the last is of a body -1
+        on_a = rank[contacts.body_b] < rank[contacts.body_a]
+        pushed: FloatArray = np.where(on_a, 1.0, -1.0)[:, None] * contacts.forces
+        return pushed
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +162,7 @@ class SceneState:
     residual: float = 0.0
     converged: bool = True
     quarantined: tuple[int, ...] = ()
-    """Bodies that were set aside because they became non-finite."""
+    """Bodies that became non-finite, in this step or before, and are set aside since; those that are not drawn are left out."""
     phase: str = ""
     """What is going on, in a word or two, for the panel."""
     tracked: TrackedHand | None = None

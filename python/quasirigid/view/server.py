@@ -14,13 +14,14 @@ import viser
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.view import words
 from quasirigid.view.draw import Layers, SceneDrawing
+from quasirigid.view.mishaps import Mishaps
 from quasirigid.view.panel import ControlPanel, ViewPanel
 from quasirigid.view.play import Play
 from quasirigid.view.plots import Curves
 from quasirigid.view.pressure import alike
 from quasirigid.view.scene import SceneState
 from quasirigid.view.session import Frame, Session
-from quasirigid.view.stage import LOCAL, PORT, add_ground, close_server, open_server, place_camera
+from quasirigid.view.stage import LOCAL, PORT, add_ground, close_server, open_server, page_url, place_camera
 from quasirigid.view.tactile import Tactile
 from quasirigid.view.touch import HANDLES, Touch
 
@@ -32,19 +33,15 @@ LEFT_WIDTH = 300
 """Of the panel with the plots, px."""
 
 
-def announce(server: viser.ViserServer, host: str, asked: int) -> str:
-    """Says on standard error where the page is, and to whom it is open; returns the address."""
-    port = server.get_port()
-    shown = "localhost" if host in LOCAL else host
-    if host in ("0.0.0.0", "::", ""):
-        shown = "localhost"
-    url = f"http://{shown}:{port}"
-    if port != asked:
+def announce(url: str, host: str, asked: int, *, page: str, can: str, ends: str = "") -> None:
+    """Says on standard error where the ``page`` (a name for it) is, what whoever reaches it ``can`` do if it is open to the network, and
+    what ``ends`` it.
+    """
+    if not url.endswith(f":{asked}"):
         print(f"quasirigid: port {asked} is in use; the page is on the next free one", file=sys.stderr)
-    print(f"quasirigid: live view on {url}  (Ctrl-C ends it)", file=sys.stderr)
+    print(f"quasirigid: {page} on {url}{ends and f'  ({ends})'}", file=sys.stderr)
     if host not in LOCAL:
-        print(f"quasirigid: open to the network ({host}): whoever reaches this port can drive the hand and load files", file=sys.stderr)
-    return url
+        print(f"quasirigid: open to the network ({host}): whoever reaches this port can {can}", file=sys.stderr)
 
 
 def open_browser(url: str) -> None:
@@ -58,6 +55,8 @@ class LiveView:
     def __init__(self, play: Play, options: GraspOptions, *, host: str = "127.0.0.1", port: int = PORT) -> None:
         self.session = Session(play)
         self.server = open_server(host, port, "quasirigid")
+        self.url = page_url(host, self.server.get_port())
+        """Address of the page."""
         self.updates = 0
         """Updates of the page so far."""
         self.update_time = 0.0
@@ -77,7 +76,7 @@ class LiveView:
         gui.set_panel_label("quasirigid")
         tabs = gui.add_tab_group()
         with tabs.add_tab("Control"):
-            self._control = ControlPanel(self.server, self.session, options)
+            self._control = ControlPanel(self.server, self.session, options, play)
         with tabs.add_tab("View"):
             ViewPanel(self.server, self._layers, self._layers_changed)
             hand = gui.add_dropdown("Handle of the hand", HANDLES, initial_value=self._base_handle)
@@ -136,6 +135,7 @@ class LiveView:
         self._slow(frame)
 
     def _draw_loop(self) -> None:
+        mishaps = Mishaps()
         while self.session.alive:
             number, frame = self.session.newest(self._drawn, timeout=0.2)
             began, cpu = time.perf_counter(), time.thread_time()
@@ -143,9 +143,9 @@ class LiveView:
                 self._drawn = number
                 try:
                     self._draw(frame)
-                except RuntimeError as error:
+                except Exception as error:
                     if self.session.alive:  # else the server was stopped meanwhile
-                        print(f"quasirigid: {error}", file=sys.stderr)
+                        mishaps.tell(error)
                 self.updates += 1
                 self.update_time += time.thread_time() - cpu
             time.sleep(max(0.0, 1.0 / RATE - (time.perf_counter() - began)))

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 from quasirigid.errors import QuasirigidError
 from quasirigid.summary import FloatArray
+from quasirigid.view.pace import Pace
 from quasirigid.view.play import Figures, Play
 from quasirigid.view.scene import SceneModel, SceneState
 
@@ -24,8 +25,6 @@ BEHIND = 0.05
 """Later than this (s), the simulation gives up catching up and goes on in slow motion."""
 IDLE = 0.01
 """How long a paused session sleeps at most before it looks at the world again, s."""
-MEASURED = 1.0
-"""The real-time factor is that of the last so many seconds."""
 HISTORY = 160
 """Samples kept for the plots: every one costs a page without a graphics card its share at every redrawing."""
 SAMPLES = 10.0
@@ -52,6 +51,8 @@ class Frame:
     finger_aims: FloatArray
     generation: int
     """Another number after every rebuild."""
+    choice: str
+    """What the object is, in the panel's list."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class Session:
         self._single = 0
         self._clock = (0.0, 0.0)
         self._generation = 0
-        self._trace: deque[tuple[float, float]] = deque()
+        self._pace = Pace()
         self._step_times: list[float] = []
         self._next_sample = 0.0
         self.samples: deque[Sample] = deque(maxlen=HISTORY)
@@ -180,7 +181,7 @@ class Session:
 
     def _restart_clock(self) -> None:
         self._clock = (time.perf_counter(), self._play.world.time)
-        self._trace.clear()
+        self._pace.clear()
 
     def _run(self) -> None:
         self._restart_clock()
@@ -191,7 +192,11 @@ class Session:
             now = time.perf_counter()
             if ((changed or stepped) and now - published >= 1.0 / STATES) or (changed and not self._running):
                 published = now
-                self._publish()
+                try:
+                    self._publish()
+                except Exception as error:
+                    self._running, self._single = False, 0
+                    self._complain(error)
             if not stepped:
                 self._wake.wait(IDLE if self._running else 0.2)
                 self._wake.clear()
@@ -210,14 +215,18 @@ class Session:
         """Whether it went well; if not, that is a complaint."""
         try:
             command(self._play)
-        except QuasirigidError as error:
-            self.complaints.put(str(error))
-            return False
-        except Exception as error:  # a bug must not end the session: said in the page and on the console
-            traceback.print_exc()
-            self.complaints.put(f"{type(error).__name__}: {error}")
+        except Exception as error:
+            self._complain(error)
             return False
         return True
+
+    def _complain(self, error: Exception) -> None:
+        """Says in the page what went wrong. A bug must not end the session: its traceback goes to the console."""
+        if isinstance(error, QuasirigidError):
+            self.complaints.put(str(error))
+        else:
+            traceback.print_exception(error)
+            self.complaints.put(f"{type(error).__name__}: {error}")
 
     def _advance(self, published: float) -> bool:
         """Steps until the clock is reached, a state is due, or commands wait."""
@@ -247,22 +256,22 @@ class Session:
         return stepped
 
     def _step(self) -> None:
-        report = self._play.step()
+        try:
+            report = self._play.step()
+        except Exception as error:  # it would come again in every step: paused, until somebody does something about it
+            self._single = 0
+            self.run(False)
+            self._complain(error)
+            return
         self._step_times.append(report.step_time)
         for observer in tuple(self._observers):
             if not self._carry_out(observer):
                 self._observers.remove(observer)  # a full disk must not end the session
-        now, simulated = time.perf_counter(), self._play.world.time
-        if not self._trace or now - self._trace[-1][0] > 0.02:
-            self._trace.append((now, simulated))
-            while now - self._trace[0][0] > MEASURED:
-                self._trace.popleft()
+        self._pace.tell(self._play.world.time)
 
     def _publish(self) -> None:
         play = self._play
         state = play.state()
-        span = self._trace[-1][0] - self._trace[0][0] if len(self._trace) > 1 else 0.0
-        real_time = (self._trace[-1][1] - self._trace[0][1]) / span if span > 0.2 else self._speed
         mean = sum(self._step_times) / len(self._step_times) if self._step_times else state.step_time
         self._step_times.clear()
         if state.time >= self._next_sample:
@@ -273,13 +282,14 @@ class Session:
             state=state,
             figures=play.figures,
             running=self._running or self._single > 0,
-            real_time=real_time,
+            real_time=self._pace.value(self._speed),
             speed=self._speed,
             step_time=mean,
             pulled=play.pulled,
             base=play.base_aim,
             finger_aims=play.finger_aims(),
             generation=self._generation,
+            choice=play.choice,
         )
         with self._fresh:
             self._frame = frame

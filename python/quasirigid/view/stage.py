@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import socket
+import threading
 from collections.abc import Iterator
 
 import numpy as np
+import rich
 import viser
 
 from quasirigid.errors import InvalidValueError
 from quasirigid.view.scene import FloatArray, SceneModel
 from quasirigid.view.unlit import unlit_glb
 
+_one_at_a_time = threading.Lock()
 PORT = 8080
 TRIES = 50
 """Ports that are tried, one after another, when the first is in use."""
@@ -26,10 +28,20 @@ CELL_COLOUR, SECTION_COLOUR = np.array([0.50, 0.52, 0.56]), np.array([0.22, 0.24
 HANDLE = 0.075
 """Room in the picture for the gizmo above the palm, and for a lift, m."""
 LOCAL = ("127.0.0.1", "localhost", "::1")
+EVERYWHERE = ("0.0.0.0", "::", "")
+"""Hosts that stand for all addresses of this machine."""
+
+
+def page_url(host: str, port: int) -> str:
+    """Address of a page that is served on ``host``, for a browser on this machine where it can be one."""
+    shown = "localhost" if host in ("127.0.0.1", "localhost", *EVERYWHERE) else f"[{host}]" if ":" in host else host
+    return f"http://{shown}:{port}"
 
 
 def free_port(host: str, port: int) -> int:
-    """``port``, or the next one on which nobody listens. Raises ``InvalidValueError`` if all are taken or ``host`` is not ours."""
+    """``port``, or the next one on which nobody listens. Raises ``InvalidValueError`` if all are taken, ``host`` is not ours, or the
+    port is reserved for others.
+    """
     if not 0 < port < 65536:
         raise InvalidValueError("port", "1 to 65535", port, f"{PORT} is the usual one")
     for candidate in range(port, min(port + TRIES, 65536)):
@@ -38,8 +50,10 @@ def free_port(host: str, port: int) -> int:
                 return candidate
         except (socket.gaierror, OverflowError):
             raise InvalidValueError("host", "an address of this machine", host, "127.0.0.1 serves this machine alone") from None
+        except PermissionError:
+            raise InvalidValueError("port", "one that you may open", candidate, f"those below 1024 are reserved; {PORT} is usual") from None
         except OSError as error:
-            if error.errno in (98, 48, 10048, 13):  # in use (Linux, macOS, Windows), or reserved
+            if error.errno in (98, 48, 10048):  # in use (Linux, macOS, Windows)
                 continue
             raise InvalidValueError("host", "an address of this machine", host, "127.0.0.1 serves this machine alone") from None
     raise InvalidValueError("port", f"a free one from {port} to {port + TRIES - 1}", "all in use", "choose another with --port")
@@ -47,9 +61,17 @@ def free_port(host: str, port: int) -> int:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Standard output carries results: what viser prints there is dropped; the address is said on standard error."""
-    with contextlib.redirect_stdout(io.StringIO()):
-        yield
+    """Standard output carries results: what viser prints there, with rich's own console, is dropped; the address is said on standard error.
+
+    What other threads ``print`` meanwhile is theirs.
+    """
+    console = rich.get_console()
+    with _one_at_a_time:
+        before, console.quiet = console.quiet, True
+        try:
+            yield
+        finally:
+            console.quiet = before
 
 
 def close_server(server: viser.ViserServer) -> None:

@@ -9,8 +9,8 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 from scipy.spatial import cKDTree
 
-from quasirigid.palette import FINGER_COLOURS
-from quasirigid.view.pressure import SLIP, SLIP_COLOUR, colour_map, patch_of, pressure_at, rgb
+from quasirigid.palette import FINGER_COLOURS, SLIP_COLOUR
+from quasirigid.view.pressure import SLIP, colour_map, patch_of, pressure_at, rgb
 from quasirigid.view.scene import BodyView, FloatArray, SceneModel, SceneState
 
 CELLS = 40

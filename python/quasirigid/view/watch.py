@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-import sys
 import threading
+import time
+from collections.abc import Callable
+from math import nan
 from types import TracebackType
 
 from quasirigid._quasirigid import World
 from quasirigid.errors import QuasirigidError
 from quasirigid.view import words
+from quasirigid.view.mishaps import Mishaps
 from quasirigid.view.onlook import OnlookPage
+from quasirigid.view.pace import Pace
 from quasirigid.view.scene import SceneState
 from quasirigid.view.server import announce, open_browser
+from quasirigid.view.stage import page_url
 from quasirigid.view.world_scene import WorldScene
 
 LOOKS = 30.0
 """Looks at the world per second, at most."""
 TRIES = 4
 """A look during which the world went on is repeated so often."""
+RESTS = 0.5
+"""A world without a step for so long is said to rest, s."""
 
 
 class WorldView:
@@ -26,21 +33,19 @@ class WorldView:
     Use it as a context manager, or call ``close``; it also ends with the program.
     """
 
-    def __init__(self, world: World, *, host: str, port: int) -> None:
+    def __init__(self, world: World, *, host: str, port: int, phase: Callable[[], str] | None = None, speed: float | None = None) -> None:
+        """``phase`` says what is going on, ``speed`` is the pace that whoever steps the world wants to keep; ``None``: nobody does."""
         self.world = world
+        self._phase, self._speed = phase, speed
+        self._pace = Pace()
         self._scene = WorldScene(world)
         self._page = OnlookPage(host, port)
-        self._server = self._page.server
-        self._host = host
+        self.url = page_url(host, self._page.server.get_port())
+        """Address of the page."""
         self._ended = threading.Event()
-        self._page.begin(self._scene.model, self._scene.state())
+        self._page.begin(self._scene.model, self._state())
         self._thread = threading.Thread(target=self._look_on, name="quasirigid-view", daemon=True)
         self._thread.start()
-
-    @property
-    def url(self) -> str:
-        """Address of the page."""
-        return f"http://{'localhost' if self._host in ('127.0.0.1', '0.0.0.0', '::') else self._host}:{self._server.get_port()}"
 
     def close(self) -> None:
         """Ends the page; the world stays as it is."""
@@ -54,12 +59,15 @@ class WorldView:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
+    def _state(self) -> SceneState:
+        return self._scene.state(self.world.report, "" if self._phase is None else self._phase())
+
     def _look(self) -> SceneState | None:
         """The world between two steps; ``None`` while bodies come and go."""
         for _ in range(TRIES):
             before = self.world.steps
             try:
-                state = self._scene.state()
+                state = self._state()
             except QuasirigidError:
                 return None  # a body was removed: the model is made anew
             if self.world.steps == before:
@@ -67,27 +75,38 @@ class WorldView:
         return state
 
     def _look_on(self) -> None:
-        last, settled = -1, False
+        last, settled, moved_at, rested, mishaps = self.world.steps, False, 0.0, False, Mishaps()
         while not self._ended.wait(1.0 / LOOKS):
             try:
                 if not self._scene.unchanged():
                     self._scene = WorldScene(self.world)
-                    self._page.begin(self._scene.model, self._scene.state())
+                    self._page.begin(self._scene.model, self._state())
                 state = self._look()
-                if state is None or (state.step == last and settled and not self._page.changed):
+                if state is None:
                     continue
-                last, settled = state.step, state.step == last
-                figures = f"time {state.time:.3f} s, {len(state.contacts)} contacts, {state.step} steps"
-                self._page.draw(state, words.note(figures), exact=settled)
-            except (RuntimeError, QuasirigidError) as error:
+                if state.step != last:
+                    moved_at = time.monotonic()
+                    self._pace.tell(state.time)
+                rests = time.monotonic() - moved_at > RESTS
+                if state.step == last and settled and rests == rested and not self._page.changed:
+                    continue
+                last, settled, rested = state.step, state.step == last, rests
+                self._page.draw(state, self._figures(state, running=not rests), exact=settled)
+            except Exception as error:
                 if not self._ended.is_set():
-                    print(f"quasirigid: view: {error}", file=sys.stderr)
+                    mishaps.tell(error)
+
+    def _figures(self, state: SceneState, *, running: bool) -> str:
+        pace = self._pace.value(nan if self._speed is None else self._speed)
+        return words.figures(state.phase, state.time, pace, self._speed, state.step_time, len(state.contacts), running=running)
 
 
-def watch(world: World, host: str, port: int, browser: bool) -> WorldView:
-    """What ``quasirigid.view`` does."""
-    shown = WorldView(world, host=host, port=port)
-    url = announce(shown._server, host, port)
+def watch(
+    world: World, host: str, port: int, browser: bool, *, phase: Callable[[], str] | None = None, speed: float | None = None, ends: str = ""
+) -> WorldView:
+    """What ``quasirigid.view`` does; ``phase`` and ``speed`` are those of ``WorldView``, ``ends`` that of ``announce``."""
+    shown = WorldView(world, host=host, port=port, phase=phase, speed=speed)
+    announce(shown.url, host, port, page="view of the world", can="look on", ends=ends)
     if browser:
-        open_browser(url)
+        open_browser(shown.url)
     return shown

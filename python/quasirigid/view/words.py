@@ -4,22 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
+from math import isnan
 
-from quasirigid.view.pressure import COLOURS, SLIP_COLOUR, STICK_COLOUR
+from quasirigid.palette import SLIP_COLOUR, STICK_COLOUR
+from quasirigid.view.pressure import COLOURS
 
 SLOW = 0.95
 """Below this share of the speed asked for, the view says that it is slow motion."""
 
 
-def figures(phase: str, time: float, real_time: float, speed: float, step_time: float, contacts: int, *, running: bool) -> str:
-    """What goes on, in a few figures with their units."""
-    slow = running and real_time < SLOW * speed
-    pace = f"{real_time:.2f} × real time"
+def figures(phase: str, time: float, real_time: float, speed: float | None, step_time: float, contacts: int, *, running: bool) -> str:
+    """What goes on, in a few figures with their units. ``real_time`` is the pace, NaN as long as it is not known; ``speed`` is the one asked
+    for; ``None``: nobody asked for one.
+    """
+    slow = running and speed is not None and real_time < SLOW * speed
+    pace = "being measured" if isnan(real_time) else f"{real_time:.2f} × real time"
     if slow:
         pace = f'<b style="color:#b45309">slow motion: {pace}</b>, the machine is too slow for {speed:g} ×'
     elif not running:
         pace = "paused"
-    rows = [("state", escape(phase)), ("time", f"{time:.3f} s"), ("pace", pace), ("step", f"{1e3 * step_time:.2f} ms, {contacts} contacts")]
+    rows = [("state", escape(phase))] if phase else []
+    rows += [("time", f"{time:.3f} s"), ("pace", pace), ("step", f"{1e3 * step_time:.2f} ms, {contacts} contacts")]
     return _rows(rows)
 
 

@@ -137,7 +137,7 @@ class WorldScene:
             stage_times={} if report is None else report.stage_times,
             residual=0.0 if report is None else report.residual,
             converged=True if report is None else report.converged,
-            quarantined=() if report is None else tuple(self._place.get(i, -1) for i in report.quarantined),
+            quarantined=tuple(self._place[i] for i in self.world.quarantined if i in self._place),
             phase=phase,
         )
 
