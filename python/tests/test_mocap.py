@@ -102,7 +102,7 @@ tracker = mocap.HandTracker("right")
 radii, tracked = np.full(6, 0.007), [True] * 5 + [False]
 turns = np.tile([1.0, 0, 0, 0], (6, 1))
 refused = mocap.HandFrame("left", np.zeros((6, 3)), turns, radii, tracked, time=0.0, arrival=0.0)
-end = time.monotonic() + 0.3
+end = time.monotonic() + 0.1
 def push():
     while time.monotonic() < end:
         try:

@@ -35,6 +35,8 @@ LOST = 0.5
 """Objects farther away than this from the hand, and from where it started, are lost, m."""
 EMPTY = 0.02
 """A hand that presses with less holds nothing, N."""
+HOLDING = ("holding", "weak")
+"""States of a grip that holds; weak is with less than was asked for."""
 STAND_GOES = 0.4
 """The stand of an object lets go within so many seconds once the fingers hold it."""
 STEP_SHARE = 0.8
@@ -144,7 +146,7 @@ class Play:
 
     def lift(self, up: bool) -> None:
         """Send the hand LIFT up or down from where it is sent now; down no deeper than where it started. The squeeze is kept up on the way."""
-        if self.grip.state in ("squeezing", "holding", "weak"):
+        if self.grip.state in ("squeezing", *HOLDING):
             self._let_stand_go()
             self.grip.squeeze = self.figures.squeeze
         (x, y, z), turn = self._aim
@@ -158,7 +160,7 @@ class Play:
         _check_place("position", position)
         if np.shape(quaternion) != (4,) or not abs(float(np.linalg.norm(quaternion)) - 1.0) < 1e-3:
             raise InvalidValueError("quaternion", "four numbers of length 1", quaternion, "send w, x, y, z")
-        if self.grip.state == "holding" and self._stand > 0.0:
+        if self.grip.state in HOLDING and self._stand > 0.0:
             self._let_stand_go()
         self._aim = (position, quaternion)
 
@@ -204,7 +206,7 @@ class Play:
             self.grip.update()
         if self._pull is not None:
             self.object.apply_wrench(*self._pull_wrench(self.object.position + rotate(self.object.quaternion, self._pull[0])))
-        if self._stand > 0.0 and not self.grasp.taken.flat and self.grip.state == "holding":
+        if self._stand > 0.0 and not self.grasp.taken.flat and self.grip.state in HOLDING:
             self._stand = max(0.0, self._stand - self.world.dt / STAND_GOES)
             self.grasp.hold_by_stand(minimum_jerk(self._stand))
         self.report = self.world.step()
@@ -221,9 +223,11 @@ class Play:
             return "a body was set aside: press Reset"
         if min(float(np.linalg.norm(self.object.position - place)) for place in (self._home[0], self.hand.position)) > LOST:
             return "the object is out of reach: press Reset"
-        if self.grip.state == "holding" and float(np.abs(self.grip.forces()).max()) < EMPTY:
+        if self.grip.state in HOLDING and float(np.abs(self.grip.forces()).max()) < EMPTY:
             return "nothing in the hand: press Open and Close, or Reset"
-        return "fingers by hand" if self._fingers else self.grip.state
+        if self._fingers:
+            return "fingers by hand"
+        return "holding, with less than was asked for" if self.grip.state == "weak" else self.grip.state
 
     def finger_aims(self) -> FloatArray:
         """Where each fingertip is, or is sent, (fingers, 3) m, world: where its gizmo belongs."""

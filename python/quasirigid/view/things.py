@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from quasirigid._quasirigid import MassProperties, Surface
-from quasirigid.errors import ObjectFileError, QuasirigidError
+from quasirigid.errors import ObjectFileError
 from quasirigid.grasp import Taken, take_box, take_file, take_surface
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.objects import FORMATS
@@ -55,12 +55,7 @@ def from_upload(name: str, content: bytes, options: GraspOptions, friction: floa
         path.write_bytes(content)
         wanted = replace(options, object=path, scale=None, points=options.points or POINTS)
         try:
-            try:
-                return take_file(replace(wanted, size=None), friction, density)
-            except ValueError:
-                # Of another unit, or too large or too small for the hand: it is shown at a size that suits.
-                return take_file(replace(wanted, size=UPLOAD_SIZE), friction, density)
-        except QuasirigidError as error:
-            # Whoever sent it knows nothing of where it lies here.
-            what, got = (text.replace(str(path), Path(name).name) for text in (error.what, error.got))
-            raise type(error)(what, error.expected, got, error.hint) from None
+            return take_file(replace(wanted, size=None), friction, density)
+        except ValueError:
+            # Of another unit, or too large or too small for the hand: it is shown at a size that suits.
+            return take_file(replace(wanted, size=UPLOAD_SIZE), friction, density)

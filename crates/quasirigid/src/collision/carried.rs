@@ -43,8 +43,8 @@ impl Carried {
     /// Finds it for the step under way.
     ///
     /// Be `l` the body that leads and `f` the other, `P` the motion that `l` is expected to make (`P(p) = p + s + (R - 1)(p - o)`, R the rotation by theta), c the centre of
-    /// mass of `f`, and `w(p) = rho + phi x (p - c)` the displacement of `f` against `l`, in the axes that `l` has at the start of the step; rho and phi are taken to be those
-    /// of the last step. Then `f` is expected to move by
+    /// mass of `f`, and `w(p) = rho + phi x (p - c)` the displacement of `f` against `l`, in the axes that `l` has at the start of the step; rho and phi are taken to go
+    /// on as in the last two steps. Then `f` is expected to move by
     ///
     /// ```text
     ///     dc = P(c) - c + R rho          theta_f = theta + H phi          H = R^(1/2), as exp(theta + H phi) = R exp(phi) + O(phi^2)
