@@ -155,6 +155,7 @@ fn materials() {
             ("new", &|x| Material::new("m", 1.0, x, 1e6, 0.3, 1e-2, 0.0, ComplianceModel::HalfSpace)),
         ],
     );
+    assert_refused("friction 1e200", wood().with_friction(1e200));
     assert_refused("share 1", wood().with_model(local(1e8, 1e-3, 1.0)));
     assert_refused("unknown", Material::preset("mithril"));
 }
@@ -213,7 +214,7 @@ fn surfaces() {
     assert_refused("fewer areas", PointSurface::new(p.clone(), n.clone(), a[1..].to_vec()));
     assert_refused("all in one place", PointSurface::from_points(vec![Vec3::x(); 50]));
     assert_refused("on one line", PointSurface::from_points((0..50).map(|i| Vec3::x() * i as Real).collect()));
-    for control_points in [0, 31, 1000] {
+    for control_points in [0, 31, 1000, usize::MAX] {
         assert_refused(&format!("{control_points} control points for 60 points"), Surface::build(points.clone(), Some(control_points)));
     }
 }

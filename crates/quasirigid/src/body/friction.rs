@@ -98,7 +98,7 @@ impl Friction {
     /// Refuses what no friction is.
     ///
     /// # Errors
-    /// Non-finite numbers; a negative coefficient; a kinetic coefficient above the static one; a Stribeck velocity <= 0; a ratio of the grain outside 0.01 to 100, or a
+    /// Non-finite numbers; a negative coefficient or one above 1e6; a kinetic coefficient above the static one; a Stribeck velocity <= 0; a ratio of the grain outside 0.01 to 100, or a
     /// direction of it that is no unit vector.
     pub fn check(&self) -> Result<()> {
         check_non_negative("friction coefficient", self.static_coefficient, "-")?;

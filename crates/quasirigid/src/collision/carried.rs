@@ -43,7 +43,7 @@ impl Carried {
     /// Finds it for the step under way.
     ///
     /// Be `l` the body that leads and `f` the other, `P` the motion that `l` is expected to make (`P(p) = p + s + (R - 1)(p - o)`, R the rotation by theta), c the centre of
-    /// mass of `f`, and `w(p) = rho + phi x (p - c)` the displacement of `f` against `l`, in the axes that `l` has at the start of the step; rho and phi are taken to go
+    /// mass of `f`, and `w(p) = rho + (exp(phi) - 1) (p - c)` the displacement of `f` against `l`, in the axes that `l` has at the start of the step; rho and phi are taken to go
     /// on as in the last two steps. Then `f` is expected to move by
     ///
     /// ```text
@@ -54,7 +54,8 @@ impl Carried {
     ///
     /// ```text
     ///     d_l - d_f = -w(p) + J_l (x_l - x_e,l) - J_f (x_f - x_e,f)
-    ///               = J_l (x_l - x_e,l) - J_f x_f + P(c) - c + (R - 1) rho + (theta + (H - 1) phi) x (p - c)
+    ///               = J_l (x_l - x_e,l) - J_f x_f + P(c) - c + (R - 1) rho
+    ///                 + (theta + H phi) x (p - c) - (exp(phi) - 1) (p - c)
     /// ```
     ///
     /// If `l` is free itself (o: its centre) then J_l x_e,l takes `s + theta x (p - o)` off again. If both lead, each has its own P. A rotation that is not expected changes nothing.
@@ -99,7 +100,8 @@ impl Carried {
         } else {
             self.shift -= lead.theta.cross(&lever);
         }
-        self.turn = skew(&theta);
+        // Of w what phi x (p - c) is not: what turns on the spot against the other leaves it where it is.
+        self.turn = skew(&theta) + skew(&phi) - less_one(&phi, 1.0);
     }
 }
 
