@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -26,14 +26,29 @@ RAGGED_CHUNK = 4096
 2048 rows and 16 % with 8192; but fewer rows compress less well.
 """
 Array = npt.NDArray[Any]
-NOT_PLAIN: tuple[float, float, tuple[type, ...]] = (0.0, 0.0, ())
 PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": LEVEL, "shuffle": True}
+
+
+class _Slot:
+    """What ``append`` has to know of a column, found out once."""
+
+    def __init__(self, column: Column) -> None:
+        self.group, self.ndim = column.group, 1 + len(column.shape)
+        self.dtype: np.dtype[Any] = np.dtype(column.dtype)
+        kind = self.dtype.kind
+        self.sure = {"f": "fiub", "i": "b", "u": "b"}.get(kind, "")
+        """Kinds of arrays that it holds whatever is in them."""
+        self.plain: tuple[type, ...] = () if column.shape else {"f": (float,), "i": (int, bool), "u": (int, bool)}.get(kind, ())
+        """Python's own numbers that it holds from ``least`` to ``most``."""
+        self.least, self.most = -math.inf, math.inf
+        if kind in "iu":
+            self.least, self.most = np.iinfo(self.dtype).min, np.iinfo(self.dtype).max
 
 
 class _Filling:
     """The steps that wait to become a block."""
 
-    def __init__(self, steps: Sequence[Column], size: int, before: int, ends: Mapping[str, int], ready: Block | None) -> None:
+    def __init__(self, steps: Iterable[Column], size: int, before: int, ends: Mapping[str, int], ready: Block | None) -> None:
         self.rows: dict[str, Array] = {c.name: np.zeros((size, *c.shape), c.dtype) for c in steps}
         """By step column: a row for each step; those of steps that are not in are of no account."""
         self.ragged: list[tuple[Array, ...]] = []
@@ -74,9 +89,8 @@ class Recorder:
         # Written in this order, `time` last: a step counts once its time is on disk.
         steps = [Column(f"{g}/end", (), "i8", "1", "-", "row after the last of this step") for g in sorted(ends)]
         steps += sorted((c for c in columns if not c.ragged and not c.still), key=lambda c: c.name == "time")
-        self._ragged = [c for c in columns if c.ragged]
-        self._steps = steps
-        self._plain = {c.name: _plain(c) for c in steps if not c.shape and np.dtype(c.dtype).kind in "fiu"}
+        self._ragged = [(c, _Slot(c)) for c in columns if c.ragged]
+        self._steps = [(c, _Slot(c)) for c in steps]
         self._filling = _Filling(steps, block, 0, dict.fromkeys(ends, 0), None)
         with _written(self.path):
             self._place = Place(self.path)
@@ -97,7 +111,7 @@ class Recorder:
             for name, values in constants.items():
                 packed = PACKED if np.size(values) else {}
                 self._file.create_dataset(name, data=values, **packed).attrs["rows"] = CONSTANT
-            packs = {c.name: PackedColumn(self._create(c), c.resolution) for c in self._ragged + self._steps}
+            packs = {c.name: PackedColumn(self._create(c), c.resolution) for c, _ in self._ragged + self._steps}
             stills = {c.name: self._create(c) for c in self._stills}
             self._file.swmr_mode = True
             self._place.settle()
@@ -150,24 +164,22 @@ class Recorder:
         at = len(filling.ragged)
         counts: dict[str, int] = {}
         ragged: list[Array] = []
-        for c in self._ragged:
+        for c, slot in self._ragged:
             given = _given(c, row)
-            if given.ndim != 1 + len(c.shape) or given.shape[1:] != c.shape or counts.setdefault(c.group, len(given)) != len(given):
-                expected = f"({', '.join(map(str, (counts.get(c.group, 'n'), *c.shape)))})"
+            if given.shape[1:] != c.shape or given.ndim != slot.ndim or counts.setdefault(slot.group, len(given)) != len(given):
+                expected = f"({', '.join(map(str, (counts.get(slot.group, 'n'), *c.shape)))})"
                 raise InvalidShapeError(c.name, expected, str(given.shape), "all columns of a group have as many rows")
-            held = _held(c, given)
-            ragged.append(held.copy() if held is given else held)  # it is written later, and may be changed until then
-        for c in self._steps:
-            name = c.name
-            least, most, plain = self._plain.get(name, NOT_PLAIN)
-            value: Any = row.get(name)
-            if type(value) in plain and least <= value <= most:  # what comes most often, the quick way
-                filling.rows[name][at] = value
-            elif name in row or not name.endswith("/end"):
+            # A copy: it is written later, and may be changed until then.
+            ragged.append(given.astype(slot.dtype) if given.dtype.kind in slot.sure else _held(c, given).copy())
+        for c, slot in self._steps:
+            value: Any = row.get(c.name)
+            if type(value) in slot.plain and slot.least <= value <= slot.most:  # what comes most often, the quick way
+                filling.rows[c.name][at] = value
+            elif c.name in row or not c.name.endswith("/end"):
                 given = _given(c, row)
                 if given.shape != c.shape:
-                    raise InvalidShapeError(name, str(c.shape), str(given.shape), "one row of the column's shape")
-                filling.rows[name][at] = _held(c, given)
+                    raise InvalidShapeError(c.name, str(c.shape), str(given.shape), "one row of the column's shape")
+                filling.rows[c.name][at] = given if given.dtype.kind in slot.sure else _held(c, given)
         for group, count in counts.items():
             ends = filling.rows[f"{group}/end"]
             ends[at] = count + (ends[at - 1] if at else filling.ends[group])
@@ -182,11 +194,11 @@ class Recorder:
         full = self._filling
         count = len(full.ragged)
         if count:
-            ragged = dict(zip((c.name for c in self._ragged), zip(*full.ragged, strict=True), strict=False))
+            ragged = dict(zip((c.name for c, _ in self._ragged), zip(*full.ragged, strict=True), strict=False))
             block = Block(ragged, {name: rows[:count] for name, rows in full.rows.items()})
             ends = {group: int(full.rows[f"{group}/end"][count - 1]) for group in full.ends}
             # One statement: these steps are either still filling or ready, never both or neither.
-            self._filling = _Filling(self._steps, self._block, full.before + count, ends, block)
+            self._filling = _Filling((c for c, _ in self._steps), self._block, full.before + count, ends, block)
             self._give_ready()
 
     def _give_ready(self) -> None:
@@ -300,14 +312,6 @@ def _given(column: Column, row: Mapping[str, Any]) -> Array:
 def _dtype(name: str) -> np.dtype[Any]:
     """A type by its name, which NumPy would read anew every time."""
     return np.dtype(name)
-
-
-def _plain(column: Column) -> tuple[float, float, tuple[type, ...]]:
-    """Which of Python's own numbers a column of numbers can hold: least, most, types."""
-    wanted = np.dtype(column.dtype)
-    if wanted.kind == "f":
-        return -math.inf, math.inf, (float,)
-    return int(np.iinfo(wanted).min), int(np.iinfo(wanted).max), (int, bool)
 
 
 def _held(column: Column, given: Array) -> Array:

@@ -165,6 +165,31 @@ def test_a_slow_computer_shows_the_hand_late_but_never_in_jumps() -> None:
     assert abs(behind[-1] - (SLACK + CATCH_UP)) < 0.01, f"{behind[-1]} s behind: twice as fast keeps up with a computer half as fast"
 
 
+def test_after_a_stop_of_the_program_the_hand_glides_to_where_it_is() -> None:
+    """The program is stopped for 2.5 s, in which the hand goes on by 0.3 m: its clock is set forward, the target is not."""
+    clock, speed, dt, glide = Clock(), 0.12, 1e-3, 0.5
+    pace, tracker = Pace(clock, dt), mocap.HandTracker("right")  # type: ignore[arg-type]
+    turns, seen = np.tile([1.0, 0.0, 0.0, 0.0], (6, 1)), [True] * 6
+    shown, sent = [], 0
+    for step in range(4000):
+        due = pace.wait()
+        while sent / 60.0 <= clock.time:
+            places = np.tile([speed * sent / 60.0, 0.0, 0.0], (6, 1))
+            tracker.push(mocap.HandFrame("right", places, turns, np.full(6, 0.008), seen, time=sent / 60.0, arrival=sent / 60.0))
+            sent += 1
+        targets = tracker.sample(due)
+        assert targets is not None
+        assert targets.weights[0] == 1.0 or step < 200
+        shown.append(float(targets.positions[0, 0]))
+        clock.time += 2.5 if step == 2000 else 5e-4
+    steps = np.abs(np.diff(shown[500:]))
+    stop = int(steps.argmax())
+    # What is made up for in the one step after a stop is that of 0.1 s.
+    assert steps[stop] < 0.1 * (speed + glide), f"{1e3 * steps[stop]:.0f} mm at once"
+    assert np.delete(steps, stop).max() < 1.2 * dt * (speed + glide), f"{1e3 * np.delete(steps, stop).max():.2f} mm in a step"
+    assert shown[-1] == pytest.approx(speed * clock.time, abs=0.02), "it is there in the end"
+
+
 def test_who_asks_for_stiffer_springs_presses_harder(tmp_path: Path) -> None:
     """The hand is 10 mm inside the box: the thumb's pad yields a little, the rest is the spring's."""
 

@@ -116,6 +116,7 @@ def test_a_page_that_hangs_or_dies_never_holds_the_session_up(apart: PageApart, 
     def show() -> None:
         for k in range(200):
             apart.draw(replace(viewer.states[-1], step=k))
+            time.sleep(1e-3)  # else the newest replaces the others before they are sent, and the pipe is never full
 
     # Far more than a pipe holds: whoever waited for the page would wait for ever.
     showing = threading.Thread(target=show, daemon=True)

@@ -16,7 +16,7 @@ from websockets.sync.client import ClientConnection, connect
 from xr_hand import hand
 
 from quasirigid.grasp_options import GraspOptions
-from quasirigid.mocap import shipped_take
+from quasirigid.mocap import HandTracker, shipped_take
 from quasirigid.mocap.session import MocapOptions, MocapSession
 from quasirigid.mocap.stream import TakeSource
 from quasirigid.view.scene import SceneModel, SceneState
@@ -90,6 +90,30 @@ def test_of_two_pages_the_first_is_listened_to_and_the_other_is_told_so(server: 
         frames = drained(server, lambda found: len(found) >= 4)
         assert len(frames) == 4
         assert server.statistics()["refused"] == 5
+
+
+def test_recentred_the_hand_glides_to_where_the_table_now_says_it_is(server: XrServer) -> None:
+    frames: list[Any] = []
+    with page_of(server) as page:
+        for k in range(44):
+            if k == 22:
+                page.connection.send(json.dumps({"type": "recentre", "position": [0.3, 1.2, 0.0], "forward": [0.0, 0.0, -1.0]}))
+            page.send()
+            time.sleep(1 / 72)
+        frames = drained(server, lambda found: len(found) >= 45)
+    places = [frame.positions[0] for frame in frames if frame.tracked[0]]
+    away = float(np.linalg.norm(places[-1] - places[0]))
+    assert away > 0.2, "or this tests nothing"
+    tracker, shown, dt = HandTracker("right"), [], 1e-3
+    for now in np.arange(frames[0].arrival, frames[-1].arrival, dt):
+        while frames and frames[0].arrival <= now:
+            tracker.push(frames.pop(0))
+        targets = tracker.sample(float(now))
+        assert targets is not None
+        shown.append(targets.positions[0])
+    fastest = float(np.linalg.norm(np.diff(shown, axis=0), axis=1).max()) / dt
+    assert fastest < 0.55, f"{fastest:.1f} m/s: the table moved by {away:.2f} m"
+    assert np.linalg.norm(shown[-1] - shown[0]) > 0.05, "it is on its way"
 
 
 def test_when_the_first_page_closes_the_other_takes_over_and_time_goes_on(server: XrServer) -> None:

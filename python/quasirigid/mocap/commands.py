@@ -98,8 +98,7 @@ def record(
     if not (append or force) and file.is_file() and file.stat().st_size:
         raise InvalidValueError(str(file), "a new file", "one that is there", "--append goes on behind it, --force replaces it")
     end = _clock(seconds)
-    with _open(connection, bind) as receiver:
-        writer = TakeWriter(file, append=append)
+    with _open(connection, bind) as receiver, TakeWriter(file, append=append) as writer:
         count, first = 0, 0.0
         with _until_stopped():
             while time.monotonic() < end:
