@@ -166,7 +166,7 @@ class SceneRecorder:
         moved: Mapping[int, Moved] = state.moved if changed else {}
         quarantined = np.zeros(len(self.model.bodies), "u1")
         quarantined[[body for body in state.quarantined if body >= 0]] = 1  # -1: not drawn
-        went, self._aside = len(set(state.quarantined) - self._aside), frozenset(state.quarantined)
+        went = len(set(state.quarantined) - self._aside)
         c = state.contacts
         values: dict[str, Any] = {
             "time": state.time,
@@ -198,6 +198,7 @@ class SceneRecorder:
             "report/stage_times": [state.stage_times.get(name, 0.0) for name in STAGES],
         }
         self._recorder.append({**values, **(row or {})})
+        self._aside = frozenset(state.quarantined)
         if wanted:
             self._looked_at = state.time
         if changed:

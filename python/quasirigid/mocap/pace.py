@@ -19,6 +19,8 @@ CATCH_UP = 0.2
 """Later than that the hand is shown faster, so that it does not stay behind: twice as fast when it is so much later, s."""
 MISSED = 1e-3
 """A packet that came so long (s) before a step began ought to be used by it."""
+LATE = 2e-4
+"""A step that begins later than this shall hurry, s."""
 SUSPENDED = 2.0
 """So far behind, the program was stopped: it goes on from now, s."""
 SWITCH = 1e-4
@@ -56,6 +58,8 @@ class Pace:
         self._pending: deque[float] = deque()
         self.rate = 1.0
         """How much faster than simulated time the hand is shown."""
+        self.hurried = False
+        """Whether the step under way began late."""
         self.lateness: list[float] = []
         """How late each step began, s."""
         self.waits: list[float] = []
@@ -83,6 +87,7 @@ class Pace:
         """The step begins now, and these packets have come since the last one."""
         now = self._source.now()
         self.lateness.append(now - self._due)
+        self.hurried = self.lateness[-1] > LATE
         new = list(arrivals)
         self.passed_over += sum(arrival < self._began - MISSED for arrival in new)
         self._began = now

@@ -42,6 +42,8 @@ OBSERVED = 100.0
 """Times per second of simulated time that the session is looked at: recording, outcome, feedback."""
 DEFORMATION_RATE = 20.0
 """Times per second that the surfaces are recorded."""
+HURRIED_SHARE = 0.6
+"""Share of ``dt`` that a step may take which begins late; others have ``STEP_SHARE``. With what else is done in a step, late ones so catch up."""
 WAITING = "waiting for the hand"
 
 
@@ -174,13 +176,16 @@ class MocapSession:
             self._loop(self.coupling, self.pace, recorder)
 
     def _loop(self, coupling: Coupling, pace: Pace, recorder: SceneRecorder | None) -> None:
-        step = 0
+        step, hurried = 0, False
         while not self._over():
             due = pace.wait()
             pace.begin(self._listen())
             targets = self._tracker.sample(due)
             assert targets is not None  # a hand was seen
             coupling.follow(targets, pace.rate)
+            if pace.hurried != hurried and self.source.paced:
+                hurried = pace.hurried
+                self.world.step_budget = (HURRIED_SHARE if hurried else STEP_SHARE) * self.options.dt
             report = self.world.step()
             self.step_times.append(report.step_time)
             self.unconverged += not report.converged

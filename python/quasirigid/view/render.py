@@ -240,7 +240,7 @@ class Renderer:
         solid: list[Part] = []
         glass: list[Part] = []
         for i, body in enumerate(self.recording.model.bodies):
-            if not len(body.faces) or i in state.quarantined:
+            if not len(body.faces):
                 continue
             part = self.posed(state, i)
             if body.kind == "support" and self._has_floor:
