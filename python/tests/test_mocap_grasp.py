@@ -21,7 +21,7 @@ from quasirigid.cli import main
 from quasirigid.errors import InvalidValueError, NetworkError
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap.options import MocapOptions
-from quasirigid.mocap.pace import CATCH_UP, SLACK, Pace, undisturbed
+from quasirigid.mocap.pace import CATCH_UP, LATE, SLACK, Pace, undisturbed
 from quasirigid.mocap.session import MocapSession, run_mocap
 from quasirigid.mocap.sighting import LATECOMERS, SETTLE, Sighting
 from quasirigid.mocap.springs import Springs
@@ -149,6 +149,21 @@ def test_a_packet_waits_for_one_step_at_most() -> None:
 def test_packets_that_a_step_passed_over_are_counted() -> None:
     """Three of four steps do not listen: what comes more than a millisecond before the last of them is late by its own fault."""
     assert paced(listens_late=True).passed_over > 500
+
+
+def test_steps_that_are_late_hurry_and_so_catch_up() -> None:
+    """For half a second steps of 1 ms take 1.1 ms, unless they hurry: then 0.8 ms. They are late by one such step at most."""
+    clock = Clock()
+    pace = Pace(clock, 1e-3)  # type: ignore[arg-type]
+    hurried = []
+    for step in range(1000):
+        pace.wait()
+        pace.begin([])
+        hurried.append(pace.hurried)
+        clock.time += 5e-4 if step >= 500 else 8e-4 if pace.hurried else 1.1e-3
+    assert max(pace.lateness) <= LATE + 1e-4 + 1e-9, f"{1e3 * max(pace.lateness):.3f} ms late"
+    assert 0.2 < np.mean(hurried[:500]) < 0.5, f"{np.mean(hurried[:500])} of the steps hurried"
+    assert not any(hurried[510:]), "none has to when there is time"
 
 
 def test_a_slow_computer_shows_the_hand_late_but_never_in_jumps() -> None:
