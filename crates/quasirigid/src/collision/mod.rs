@@ -8,6 +8,7 @@ mod broad_phase;
 mod carried;
 mod coarse;
 mod deep;
+mod nearest_point;
 mod pair;
 mod projection;
 mod traversal;

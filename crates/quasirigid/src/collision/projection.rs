@@ -1,6 +1,7 @@
 //! Control points of coupled leaves, projected on the other surface (design 3.2, points 3 to 5).
 
 use super::coarse::area_in_contact;
+use super::nearest_point::{Border, SAME_FACE, faces_meet, height_over_nearest, is_outside, nearest_node};
 use super::{Contact, Coupled, Pair};
 use crate::body::{BodyEntry, Skin};
 use crate::free_motion::FreeMotion;
@@ -23,9 +24,6 @@ const SLACK: Real = 0.05;
 
 /// [`Parameters::projection_slack`] is meant for this radius of curvature, m.
 const SLACK_RADIUS: Real = 1e-3;
-
-/// Coupled leaves whose mean normals make more than 60 degrees lie on different faces.
-const SAME_FACE: Real = 0.5;
 
 /// Most steps of a projection; two or three are usual.
 const MOST_PROJECTIONS: u32 = 10;
@@ -388,85 +386,4 @@ impl<'a> View<'a> {
 /// `slack^2 / (2 R)`. Only where the other surface does not yield: its displacement changes from place to place, whatever its shape.
 fn slack_of(slack: Real, curvature: Real) -> Real {
     slack * (1.0 / (SLACK_RADIUS * curvature)).sqrt().clamp(1.0, 1e6)
-}
-
-/// Whether not all of the coupled leaves lie on one face.
-fn faces_meet(coupled: &[Coupled], skin_b: &Skin) -> bool {
-    let normal = |c: &Coupled| &skin_b.surface.tree.nodes[c.node_b as usize].mean_normal;
-    coupled.iter().any(|c| normal(c).dot(normal(&coupled[0])) < SAME_FACE)
-}
-
-/// Of the coupled nodes, the one with the point nearest to `x` among those that face the control point. Of the leaves that claim a control point the
-/// nearest keeps it; looking at points alone finds it without projecting on each.
-fn nearest_node(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_a: &Vec3) -> Option<(u32, usize)> {
-    let surface = &skin_b.surface;
-    let mut best: Option<(Real, u32, usize)> = None;
-    for c in coupled {
-        let node = &surface.tree.nodes[c.node_b as usize];
-        // No point of the node is nearer than its sphere.
-        let clear = (node.center - x).norm() - node.radius;
-        if clear > 0.0 && best.is_some_and(|(least, ..)| clear * clear > least) {
-            continue;
-        }
-        let mut look = |k: usize| {
-            let distance2 = (surface.points[k] - x).norm_squared();
-            if best.is_none_or(|(least, ..)| distance2 < least) && surface.normals[k].dot(normal_a) < FACES {
-                best = Some((distance2, c.node_b, k));
-            }
-        };
-        node.points().for_each(&mut look);
-    }
-    best.map(|(_, node, point)| (node, point))
-}
-
-/// Whether `x` lies outside, as the nearest point of all coupled nodes sees it, facing or not.
-fn is_outside(coupled: &[Coupled], skin_b: &Skin, x: &Vec3) -> bool {
-    height_over_nearest(coupled, skin_b, x).is_some_and(|height| height > 0.0)
-}
-
-/// Height of `x` over the tangent plane of the nearest point of all coupled nodes, facing or not, m.
-fn height_over_nearest(coupled: &[Coupled], skin_b: &Skin, x: &Vec3) -> Option<Real> {
-    let surface = &skin_b.surface;
-    let points = coupled.iter().flat_map(|c| surface.tree.nodes[c.node_b as usize].points());
-    let distance2 = |k: &usize| (surface.points[*k] - x).norm_squared();
-    let nearest = points.min_by(|i, j| distance2(i).total_cmp(&distance2(j)));
-    nearest.map(|k| surface.normals[k].dot(&(x - surface.points[k])))
-}
-
-/// Points that decide where the surface is: those of the coupled leaf and of its border.
-struct Border {
-    count: usize,
-    list: [Range<u32>; Border::MOST],
-    gap: Real,
-}
-
-impl Border {
-    const MOST: usize = 64;
-
-    fn of(skin: &Skin, index: u32, x: &Vec3) -> Self {
-        let surface = &skin.surface;
-        let node = &surface.tree.nodes[index as usize];
-        let leaf = node.first_leaf as usize;
-        let mut border = Self { count: 0, list: [const { 0..0 }; Self::MOST], gap: surface.leaf_gaps[leaf] };
-        border.push(node.first_point..node.first_point + node.point_count);
-        for &other in surface.leaf_neighbours.row(leaf) {
-            let other = surface.tree.leaf(other as usize);
-            let reach = other.radius + surface.kernel.cutoff();
-            if (other.center - x).norm_squared() < reach * reach {
-                border.push(other.first_point..other.first_point + other.point_count);
-            }
-        }
-        border
-    }
-
-    fn push(&mut self, range: Range<u32>) {
-        if self.count < Self::MOST {
-            self.list[self.count] = range;
-            self.count += 1;
-        }
-    }
-
-    fn ranges(&self) -> &[Range<u32>] {
-        &self.list[..self.count]
-    }
 }
