@@ -12,6 +12,7 @@ import errno
 import itertools
 import os
 import queue
+import sys
 import threading
 import time
 import zlib
@@ -31,6 +32,8 @@ LEVEL = 1
 """Of the compression. 4 saves 3 % of the space and takes a fifth more time."""
 YIELD = 5e-5
 """Pause after every column, s. A thread that waits for Python's lock gets it then; otherwise it would have to wait for the interpreter's 5 ms."""
+NICER = 5
+"""By how much the thread gives way to others on a busy processor: compressing may wait, steps may not."""
 Array = npt.NDArray[Any]
 
 
@@ -132,6 +135,9 @@ class RecordingWriter:
             self._thread.join()
 
     def _run(self) -> None:
+        if sys.platform == "linux":  # where each thread has a niceness of its own
+            me = threading.get_native_id()
+            os.setpriority(os.PRIO_PROCESS, me, os.getpriority(os.PRIO_PROCESS, me) + NICER)
         while True:
             job = self._jobs.get()
             try:
