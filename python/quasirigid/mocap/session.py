@@ -33,7 +33,7 @@ from quasirigid.mocap.sighting import LATECOMERS, Sighting
 from quasirigid.mocap.stream import Source
 from quasirigid.recording import Column
 from quasirigid.scene_recording import SceneRecorder
-from quasirigid.view.play import MAT, PEDESTAL, STEP_SHARE
+from quasirigid.view.play import MAT, PEDESTAL
 from quasirigid.view.scene import SceneState, TrackedHand
 from quasirigid.view.world_scene import WorldScene
 
@@ -42,8 +42,8 @@ OBSERVED = 100.0
 """Times per second of simulated time that the session is looked at: recording, outcome, feedback."""
 DEFORMATION_RATE = 20.0
 """Times per second that the surfaces are recorded."""
-HURRIED_SHARE = 0.6
-"""Share of ``dt`` that a step may take which begins late; others have ``STEP_SHARE``. With what else is done in a step, late ones so catch up."""
+STEP_SHARE, HURRIED_SHARE = 0.7, 0.5
+"""Share of ``dt`` that a step may take, and one that begins late: with what else is done between two steps late ones catch up."""
 WAITING = "waiting for the hand"
 
 
