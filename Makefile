@@ -5,9 +5,12 @@ BIN := $(VENV)/bin
 STAMPS := $(VENV)/stamps
 ENGINE := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock pyproject.toml
 RESULT ?= out/grasp
+# Property tests try the same cases in every run of `make test`; `make fuzz` tries new ones, ROUNDS times as many.
+SEED ?= 1
+ROUNDS ?= 20
 
 .DEFAULT_GOAL := help
-.PHONY: help setup webxr-tools grasp view test test-rust test-python lint bench clean
+.PHONY: help setup webxr-tools grasp view test test-rust test-python lint fuzz bench clean
 
 help: ## Show this list.
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{ printf "  make %-12s %s\n", $$1, $$2 }'
@@ -30,10 +33,16 @@ lint: setup
 	$(BIN)/mypy
 
 test-rust: ## Run the Rust tests.
-	cargo test --workspace --locked
+	PROPTEST_RNG_SEED=$(SEED) cargo test --workspace --locked
 
 test-python: setup ## Run the Python tests.
-	$(BIN)/pytest
+	$(BIN)/pytest --hypothesis-profile=ci
+
+fuzz: setup ## Try new cases on the property tests: make fuzz ROUNDS=200.
+	for round in $$(seq $(ROUNDS)); do \
+		cargo test --workspace --locked --release --lib --quiet || exit 1; \
+	done
+	$(BIN)/pytest --hypothesis-profile=default $$(grep -l hypothesis python/tests/*.py)
 
 webxr-tools: ## Install what the WebXR page is tested with and built from (needs npm).
 	cd tools/webxr && npm ci --no-audit --no-fund

@@ -234,8 +234,10 @@ impl ContactBlock {
                 break;
             }
         }
-        // Drag widens the cone: |f_t| = mu f_n / (1 - d s).
-        let mu = if drag > 0.0 { mu / (1.0 - drag * s) } else { mu };
+        if drag > 0.0 {
+            // The rows hold at any s, and s is good to its last bit. The widened cone mu / (1 - d s) is not: near s = 1/d its digits cancel.
+            return [f[0].max(0.0), f[1], f[2]];
+        }
         // Exactly on the cone: keep the direction d of the friction, solve w_nn f_n + mu f_n w_nt . d + b_n = 0, set |f_t| = mu f_n.
         let length = f[1].hypot(f[2]);
         let direction = [f[1] / length, f[2] / length];
@@ -378,6 +380,22 @@ mod tests {
         assert_eq!(status, ContactStatus::Slip);
         assert!((slip - Vec3::new(1.0, -0.3, 0.4)).norm() < 1e-15, "{slip}");
         assert_eq!(block.solve(&Vec3::new(0.0, 1.0, 1.0), 0.5), (Vec3::zeros(), ContactStatus::Open));
+    }
+
+    /// Next to all of the tangential force is drag here, 1 - d s = 2e-7: the force must come from the rows, not from the widened cone.
+    #[test]
+    fn drag_that_leaves_friction_nothing_keeps_the_laws() {
+        let coupling = 0.00010511436182189198;
+        let w = Mat3::new(4e-5, coupling, 0.0, coupling, 0.0003162257265305906, 0.0, 0.0, 0.0, 4e-5);
+        let b = Vec3::new(-0.0022544728196445397, 0.0, -0.20052820890117254) * 1e-4;
+        let mu = 2.189267003998095e-5;
+        let mut block = ContactBlock::new(&w).unwrap();
+        block.set_drag(10f64.powf(2.7737883416554165) * block.rho());
+        let (f, status) = block.solve(&b, mu);
+        let delta = w * f + b;
+        let map = super::super::natural_map(&delta, &block.without_drag(&f, &delta), mu, block.rho());
+        assert_eq!(status, ContactStatus::Slip);
+        assert!(map.norm() <= 1e-12 * f.norm(), "natural map {:e} of {:e}", map.norm(), f.norm());
     }
 
     #[test]
