@@ -79,6 +79,8 @@ def test_a_sensor_shows_pressure_where_it_is_and_nothing_elsewhere(held: Play) -
     middle, rim = picture[HEADING + SIDE // 2, SIDE // 2].astype(int), picture[HEADING + SIDE // 2, 22].astype(int)
     assert middle[1] > rim[1] + 30, (middle, rim)  # viridis grows greener
     assert (picture[HEADING + 1, 1] > 250).all()  # beside the pad
+    for row in (HEADING, HEADING + SIDE - 1):
+        assert (picture[row] > 250).all(), "the whole rim of every pad is in the picture"
 
 
 def test_the_scale_grows_at_once_and_shrinks_late() -> None:

@@ -54,7 +54,7 @@ def legend(full_scale: float) -> str:
     marks = "".join(f"<span>{'0' if share == 0 else pressure(share * full_scale)}</span>" for share in (0.0, 0.5, 1.0))
     return (
         '<div style="font-size:12px;padding:2px 12px;color:#374151">'
-        '<div style="margin-bottom:3px">Pressure on the pads, and what a tactile sensor there would see</div>'
+        '<div style="margin-bottom:3px">Pressure on the pads, as a sensor would see it</div>'
         f'<div style="height:10px;border-radius:3px;background:linear-gradient(to right,{stops})"></div>'
         f'<div style="display:flex;justify-content:space-between">{marks}</div>'
         f'<div style="margin-top:4px"><b style="color:{STICK_COLOUR}">&#8212;</b> sticks &nbsp; '
