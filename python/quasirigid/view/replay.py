@@ -257,7 +257,7 @@ class ReplayView:
             rows.append(("recording", "its run was ended, or still goes on"))
         self._status.content = words.table([row for row in rows if row[1]])
         scale = self._drawing.scale.top
-        self._legend.content = words.legend(scale)
+        self._legend.content = words.legend(scale if self.recording.model.fingers else None)
         if self.recording.model.fingers:
             self._picture.image = self._tactile.picture(state, scale)
         set_value(self._slider, state.time)
