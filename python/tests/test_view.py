@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,6 +19,7 @@ from quasirigid.cli import main
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.summary import rotate
 from quasirigid.view import words
+from quasirigid.view.draw import Layers, SceneDrawing
 from quasirigid.view.play import BASE_SPEED, Figures, Play
 from quasirigid.view.pressure import STICK, Scale, nice_above, patch_of, pressure_at
 from quasirigid.view.session import Session
@@ -79,6 +81,23 @@ def test_a_sensor_shows_pressure_where_it_is_and_nothing_elsewhere(held: Play) -
     assert (picture[HEADING + 1, 1] > 250).all()  # beside the pad
     for row in (HEADING, HEADING + SIDE - 1):
         assert (picture[row] > 250).all(), "the whole rim of every pad is in the picture"
+
+
+def test_arrows_of_fingers_have_a_fixed_scale_but_none_leaves_the_picture(held: Play) -> None:
+    state, server = held.state(), open_server("127.0.0.1", 8440, "test")
+    try:
+        drawing = SceneDrawing(server, held.scene.model, layers=Layers())
+        for share in (1.0, 10.0):
+            forces = share * state.finger_forces
+            drawing.apply_layers()  # all of it anew: the contacts are the same
+            drawing.draw(replace(state, finger_forces=forces))
+            lines: Any = drawing._sum_lines._handle
+            lengths = np.linalg.norm(lines.points[:3, 1] - lines.points[:3, 0], axis=1)  # the shafts come first
+            sizes = np.linalg.norm(forces, axis=1)
+            assert lengths == pytest.approx(sizes * min(0.012, 0.09 / sizes.max()), rel=1e-4)
+    finally:
+        close_server(server)
+    assert sizes.max() > 0.09 / 0.012, "the second time it is about the limit"
 
 
 def test_the_scale_grows_at_once_and_shrinks_late() -> None:
