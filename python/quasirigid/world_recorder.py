@@ -19,8 +19,10 @@ if TYPE_CHECKING:
 class WorldRecorder:
     """Records a world step by step. Made by ``record``; use it in a ``with`` block."""
 
-    def __init__(self, world: World, path: str | Path, *, deformation_rate: float, attributes: Mapping[str, Any] | None) -> None:
-        self._scene = WorldScene(world)
+    def __init__(
+        self, world: World, path: str | Path, *, fingertips: Sequence[Body], deformation_rate: float, attributes: Mapping[str, Any] | None
+    ) -> None:
+        self._scene = WorldScene(world, pads=fingertips)
         shape = self._scene.state().joint_positions.shape
         self._recorder = SceneRecorder(
             path, self._scene.model, (shape[0], shape[1]), deformation_rate=deformation_rate, attributes=attributes
@@ -70,7 +72,12 @@ class WorldRecorder:
 
 
 def record(
-    world: World, path: str | Path, *, deformation_rate: float = DEFORMATION_RATE, attributes: Mapping[str, Any] | None = None
+    world: World,
+    path: str | Path,
+    *,
+    fingertips: Sequence[Body] = (),
+    deformation_rate: float = DEFORMATION_RATE,
+    attributes: Mapping[str, Any] | None = None,
 ) -> WorldRecorder:
     """Begin a recording of ``world`` in the file ``path`` (an old one is replaced), for ``quasirigid replay``, ``render`` and ``export``.
 
@@ -79,11 +86,12 @@ def record(
     ...         recording.append(world.step())
 
     Call it when all bodies are in the world. Poses, contacts and forces are written at every ``append``, the deformation of the surfaces
-    ``deformation_rate`` times per second of simulated time (infinity: at every ``append``). ``attributes`` are kept with the file.
+    ``deformation_rate`` times per second of simulated time (infinity: at every ``append``). ``attributes`` are kept with the file. Pictures show what
+    hands feel, and the bodies that you name as ``fingertips``.
     A thread writes blocks of 100 steps while you go on. A process that is killed leaves a file that can be read up to the last block on disk.
     Raises ``RecordingError`` where no file can be written; a disk that fills up later is told at the next ``append``, or by ``close``.
     """
-    return WorldRecorder(world, path, deformation_rate=deformation_rate, attributes=attributes)
+    return WorldRecorder(world, path, fingertips=fingertips, deformation_rate=deformation_rate, attributes=attributes)
 
 
 class LiveRecorder:

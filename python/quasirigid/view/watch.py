@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import nan
 from types import TracebackType
 
-from quasirigid._quasirigid import World
-from quasirigid.errors import QuasirigidError
+from quasirigid._quasirigid import Body, World
+from quasirigid.errors import InvalidHandleError, QuasirigidError
 from quasirigid.view import words
 from quasirigid.view.mishaps import Mishaps
 from quasirigid.view.onlook import OnlookPage
@@ -33,12 +33,24 @@ class WorldView:
     Use it as a context manager, or call ``close``; it also ends with the program.
     """
 
-    def __init__(self, world: World, *, host: str, port: int, phase: Callable[[], str] | None = None, speed: float | None = None) -> None:
-        """``phase`` says what is going on, ``speed`` is the pace that whoever steps the world wants to keep; ``None``: nobody does."""
+    def __init__(
+        self,
+        world: World,
+        *,
+        host: str,
+        port: int,
+        fingertips: Sequence[Body] = (),
+        phase: Callable[[], str] | None = None,
+        speed: float | None = None,
+    ) -> None:
+        """``fingertips`` are those of its bodies that show what they feel. ``phase`` says what is going on, ``speed`` is the pace that whoever
+        steps the world wants to keep; ``None``: nobody does.
+        """
         self.world = world
+        self._fingertips = list(fingertips)
         self._phase, self._speed = phase, speed
         self._pace = Pace()
-        self._scene = WorldScene(world)
+        self._scene = WorldScene(world, pads=self._fingertips)
         self._page = OnlookPage(host, port)
         self.url = page_url(host, self._page.server.get_port())
         """Address of the page."""
@@ -79,7 +91,8 @@ class WorldView:
         while not self._ended.wait(1.0 / LOOKS):
             try:
                 if not self._scene.unchanged():
-                    self._scene = WorldScene(self.world)
+                    self._fingertips = [body for body in self._fingertips if _is_there(body)]
+                    self._scene = WorldScene(self.world, pads=self._fingertips)
                     self._page.begin(self._scene.model, self._state())
                 state = self._look()
                 if state is None:
@@ -101,11 +114,26 @@ class WorldView:
         return words.figures(state.phase, state.time, pace, self._speed, state.step_time, len(state.contacts), running=running)
 
 
+def _is_there(body: Body) -> bool:
+    try:
+        return body.index >= 0
+    except InvalidHandleError:
+        return False
+
+
 def watch(
-    world: World, host: str, port: int, browser: bool, *, phase: Callable[[], str] | None = None, speed: float | None = None, ends: str = ""
+    world: World,
+    host: str,
+    port: int,
+    browser: bool,
+    *,
+    fingertips: Sequence[Body] = (),
+    phase: Callable[[], str] | None = None,
+    speed: float | None = None,
+    ends: str = "",
 ) -> WorldView:
-    """What ``quasirigid.view`` does; ``phase`` and ``speed`` are those of ``WorldView``, ``ends`` that of ``announce``."""
-    shown = WorldView(world, host=host, port=port, phase=phase, speed=speed)
+    """What ``quasirigid.view`` does; ``fingertips``, ``phase`` and ``speed`` are those of ``WorldView``, ``ends`` that of ``announce``."""
+    shown = WorldView(world, host=host, port=port, fingertips=fingertips, phase=phase, speed=speed)
     announce(shown.url, host, port, page="view of the world", can="look on", ends=ends)
     if browser:
         open_browser(shown.url)
