@@ -430,6 +430,20 @@ class Hand:
         the pad's apex misses ``position``, m. For a goal that moves from step to step: a few steps from ``start`` (joints,) rad, by default the
         joint targets, and no search elsewhere. ``angle_weight`` m/rad says how much a wrong direction counts against a wrong place.
         """
+    def reach_all(
+        self,
+        positions: npt.ArrayLike,
+        normals: npt.ArrayLike,
+        start: npt.ArrayLike,
+        *,
+        angle_weight: float = 0.005,
+        iterations: int = 20,
+        step_tolerance: float = 1e-12,
+    ) -> tuple[FloatArray, FloatArray]:
+        """``reach`` for all fingers at once: ``positions`` (fingers, 3) m and ``normals`` (fingers, 3), hand frame, ``start`` (fingers, joints) rad.
+        Joint positions (fingers, joints) rad, and by how much they miss (fingers,) m. A search ends when no joint moves by more than
+        ``step_tolerance`` (rad) any more.
+        """
     def deformed_points(self, finger: int) -> FloatArray:
         """Points of the fingertip as deformed now, (n, 3) m, world."""
 
@@ -1071,6 +1085,8 @@ class HandTargets:
     @property
     def states(self) -> list[Literal["absent", "live", "held", "fading", "lost"]]:
         """One for each row."""
+    def pad_places(self) -> tuple[FloatArray, FloatArray]:
+        """Apex of every tracked pad's skin, (6, 3) m, and the direction that it faces, (6, 3), world; NaN where never seen."""
     @property
     def delay(self) -> float:
         """How far in the past the hand is shown, s."""

@@ -18,8 +18,8 @@ from quasirigid._quasirigid import Body, Hand, HandModel, HandTargets, MassPrope
 from quasirigid.errors import InvalidValueError
 from quasirigid.mocap import PARTS
 from quasirigid.mocap.springs import FASTEST, Offset, Springs
-from quasirigid.mocap.turns import cross, minus_z, product, quaternion, rotation_vector
-from quasirigid.summary import conjugate
+from quasirigid.mocap.turns import cross, minus_z, quaternion, rotation_vector
+from quasirigid.summary import conjugate, quaternion_product
 
 FloatArray = npt.NDArray[np.float64]
 PALM = PARTS.index("palm")
@@ -49,16 +49,10 @@ class Coupling(Protocol):
 
     @property
     def ends(self) -> FloatArray:
-        """(fingers, 3) m, world: apex of each simulated pad's skin, which is drawn to ``pad_places``."""
+        """(fingers, 3) m, world: apex of each simulated pad's skin, which is drawn to ``HandTargets.pad_places``."""
 
     def follow(self, targets: HandTargets, rate: float = 1.0) -> None:
         """Aim at these targets in the next step. ``rate``: how much faster than simulated time the hand is shown."""
-
-
-def pad_places(targets: HandTargets) -> tuple[FloatArray, FloatArray]:
-    """Apex of every tracked pad's skin, (6, 3) m, and the direction that it faces, (6, 3), world; NaN where never seen."""
-    facing = minus_z(targets.quaternions)
-    return targets.positions + targets.pad_radii[:, None] * facing, facing
 
 
 class TipCoupling:
@@ -109,7 +103,7 @@ class TipCoupling:
 
     def _pads(self, targets: HandTargets) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Places (6, 3) m and quaternions (6, 4) of the pads' frames (x along the finger, z out of the pad), and lever arms from the tips (6, 3) m."""
-        apex, facing = pad_places(targets)
+        apex, facing = targets.pad_places()
         places = apex - self._depth * facing
         w, x, y, z = targets.quaternions.T  # times half a turn about x
         return places, np.array([-x, w, z, -y]).T, places - targets.positions
@@ -126,11 +120,11 @@ class TipCoupling:
             place, turn, v, omega = places[row], turns[row], speed[row], spin[row]
             stretch = None
             if weight > offset.weight:
-                stretch = np.concatenate([place - body.position, rotation_vector(product(turn, conjugate(body.quaternion)))])
+                stretch = np.concatenate([place - body.position, rotation_vector(quaternion_product(turn, conjugate(body.quaternion)))])
             offset.update(weight, stretch, self._dt)
             if not offset.zero:
                 place, v = place + offset.value[:3], v + offset.velocity[:3]
-                turn, omega = product(quaternion(offset.value[3:]), turn), omega + offset.velocity[3:]
+                turn, omega = quaternion_product(quaternion(offset.value[3:]), turn), omega + offset.velocity[3:]
             body.set_drive(
                 place,
                 turn,

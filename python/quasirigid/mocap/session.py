@@ -22,7 +22,7 @@ from quasirigid.grasp import GRAVITY, Stage
 from quasirigid.grasp_columns import contact_sums
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap import PARTS
-from quasirigid.mocap.coupling import PALM, Coupling, TipCoupling, pad_places
+from quasirigid.mocap.coupling import PALM, Coupling, TipCoupling
 from quasirigid.mocap.hand_coupling import HandCoupling
 from quasirigid.mocap.look import Look, Observer, Viewer, press_and_slip
 from quasirigid.mocap.losses import Losses
@@ -159,7 +159,7 @@ class MocapSession:
         rows = () if self.coupling is None else self.coupling.rows
         aims, ends = np.zeros((0, 3)), np.zeros((0, 3))
         if self.coupling is not None:
-            aims, ends = pad_places(targets)[0][list(rows)], self.coupling.ends
+            aims, ends = targets.pad_places()[0][list(rows)], self.coupling.ends
         fingers = tuple(rows.index(row) if row in rows else -1 for row in range(len(PARTS)))
         states = tuple(targets.states)
         return TrackedHand(PARTS, targets.positions, targets.pad_radii, targets.weights, states, fingers, aims, ends)
