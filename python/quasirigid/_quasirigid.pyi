@@ -339,6 +339,10 @@ class Body:
         ``position`` (3,) m, ``quaternion`` (4,) (w, x, y, z), unchanged if left out.
         Raises ``InvalidHandleError`` for a body that is not fixed.
         """
+    def set_pose(self, position: npt.ArrayLike, quaternion: npt.ArrayLike | None = None) -> None:
+        """Put the body elsewhere at once, without friction on the way: ``position`` (3,) m, ``quaternion`` (4,), unchanged if left out. A free body
+        keeps its velocities, a fixed one is at rest.
+        """
     def set_drive(
         self,
         position: npt.ArrayLike,
