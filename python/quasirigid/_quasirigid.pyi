@@ -954,8 +954,8 @@ class Replay:
     def wait(self, timeout: float) -> bool:
         """Wait for the end, at most ``timeout`` s; the GIL is released. Whether it has ended."""
     def state(self) -> dict[str, Any]:
-        """``sent, rounds, greetings, targets, displaced`` (greeters that had to make room: 16 are served), ``refused, latest`` (s behind the schedule at
-        worst) and ``done``.
+        """``sent, rounds, greetings, targets, displaced`` (greeters that had to make room: 16 are served), ``expired`` (that did not greet again for an
+        hour), ``refused, latest`` (s behind the schedule at worst) and ``done``.
         """
     def stop(self) -> None:
         """Stop."""

@@ -9,6 +9,7 @@ Both are taken implicitly by the step (``Body.set_drive`` and the joint controll
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Protocol
 
 import numpy as np
@@ -27,6 +28,10 @@ PAD_POINTS, PAD_CONTROL_POINTS = 1200, 160
 """Of a fingertip's surface: half of those of `quasirigid grasp`, so that a step is done in time."""
 PAD_MASS = 0.02
 """Of a pad that is a body of its own, kg: a fingertip's."""
+ASIDE = (0.0, 0.0, -2.0)
+"""Where a pad waits whose finger was not seen yet, m, world: out of the way of everything."""
+APART = 0.1
+"""Between two that wait, m."""
 PAD_DRAG = (0.05, 1e-5)
 """Viscosity that brings a pad to rest which no tracker holds, N s/m and N m s/rad."""
 
@@ -38,6 +43,8 @@ class Coupling(Protocol):
     """Names of the simulated fingers."""
     rows: tuple[int, ...]
     """The row of ``HandTargets`` that each of them follows."""
+    waiting: frozenset[int]
+    """Those of these rows that were not seen yet: their pads are not there yet."""
 
     @property
     def pads(self) -> list[Body]:
@@ -58,16 +65,21 @@ class Coupling(Protocol):
 class TipCoupling:
     """Pads that are free bodies on springs to the tracked tips. They weigh nothing for the person: their weight is taken off."""
 
-    def __init__(self, world: World, targets: HandTargets, pad: Material, springs: Springs | None = None) -> None:
-        """Add a pad of the material ``pad`` to ``world`` for every finger of ``targets`` that was not lost, where it is now.
+    def __init__(
+        self, world: World, targets: HandTargets, pad: Material, springs: Springs | None = None, expected: Collection[int] = ()
+    ) -> None:
+        """Add a pad of the material ``pad`` to ``world`` for every finger of ``targets`` that was not lost, where it is now. Pads of the rows
+        ``expected`` that are not seen wait aside, until they are.
 
-        Raises ``InvalidValueError`` if there is none.
+        Raises ``InvalidValueError`` if no finger is seen.
         """
         self.springs = springs or Springs()
         self.springs.check()
-        self.rows = tuple(row for row in range(PALM) if targets.states[row] not in ("absent", "lost"))
-        if not self.rows:
+        seen = [row for row in range(PALM) if targets.states[row] not in ("absent", "lost")]
+        if not seen:
             raise InvalidValueError("targets", "at least one finger that was seen", "none", "wait until the tracker sees a finger")
+        self.rows = tuple(sorted({*seen, *expected}))
+        self.waiting = frozenset(self.rows) - set(seen)
         self.fingers = tuple(PARTS[row] for row in self.rows)
         self._dt = world.dt
         semi = HandModel.three_finger().pad_semi_axes
@@ -77,6 +89,8 @@ class TipCoupling:
             MassProperties.box(2.0 * semi, mass=PAD_MASS),
         )
         places, turns, _ = self._pads(targets)
+        for row in self.waiting:
+            places[row], turns[row] = ASIDE + row * np.array([APART, 0.0, 0.0]), (1.0, 0.0, 0.0, 0.0)
         self._bodies = [
             world.add_body(surface, pad, mass=mass, position=places[row], quaternion=turns[row], name=PARTS[row], viscosity=PAD_DRAG)
             for row in self.rows
@@ -84,6 +98,8 @@ class TipCoupling:
         for body in self._bodies:
             body.apply_wrench(-PAD_MASS * world.gravity)
         self._offsets = [Offset((3, FASTEST[0]), (3, FASTEST[1])) for _ in self.rows]
+        for row in self.waiting:
+            self._offsets[self.rows.index(row)].weight = 0.0
 
     @property
     def pads(self) -> list[Body]:
@@ -118,6 +134,11 @@ class TipCoupling:
         for body, row, offset in zip(self._bodies, self.rows, self._offsets, strict=True):
             weight = float(weights[row])
             place, turn, v, omega = places[row], turns[row], speed[row], spin[row]
+            if row in self.waiting:
+                if weight == 0.0:
+                    continue
+                body.set_pose(place, turn)
+                self.waiting -= {row}
             stretch = None
             if weight > offset.weight:
                 stretch = np.concatenate([place - body.position, rotation_vector(quaternion_product(turn, conjugate(body.quaternion)))])

@@ -55,6 +55,7 @@ class HandCoupling:
 
     fingers: tuple[str, ...]
     rows: tuple[int, ...]
+    waiting: frozenset[int] = frozenset()
 
     def __init__(
         self, world: World, targets: HandTargets, pad: Material, *, side: str = "right", gains: tuple[float, float] = (1.0, 1.0)
