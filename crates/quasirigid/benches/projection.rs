@@ -2,7 +2,7 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use quasirigid::math::{Real, Vec3};
-use quasirigid::surface::moving_least_squares::{Kernel, project};
+use quasirigid::surface::moving_least_squares::{Cloud, Kernel, project};
 use quasirigid::surface::shapes::sample_sphere;
 use std::hint::black_box;
 
@@ -29,7 +29,9 @@ fn projection(c: &mut Criterion) {
                 at = (at + 1) % centres.len();
                 let (p, n) = &leaves[at];
                 let x = centres[at] * (1.0 + height * s);
-                black_box(project(black_box(&x), p, n, &ranges, &kernel, Some(&-centres[at]), 1e-6 * s, 10))
+                let facing = -centres[at];
+                let cloud = Cloud { points: p, normals: n, ranges: &ranges, kernel: &kernel, facing: Some(&facing) };
+                black_box(project(black_box(&x), &cloud, 1e-6 * s, 10))
             });
         });
     }

@@ -26,12 +26,11 @@ impl World {
 
     fn step_here(&mut self) -> StepReport {
         let Self { params, bodies, pairs, friction, workspace: ws, .. } = self;
-        let context = StepContext { dt: params.dt, gravity: params.gravity };
         let mut times = StageTimes::default();
         let start = Instant::now();
         let mut clock = start;
 
-        free_motions(bodies, &context, &mut ws.free);
+        free_motions(bodies, &StepContext::of(params), &mut ws.free);
         times.free_motion = lap(&mut clock);
 
         collision(&mut ws.collision, bodies, &ws.free, pairs, friction, params, self.steps);
@@ -54,7 +53,7 @@ impl World {
         problem.unfinished = if solved.stop.converged() { 0.0 } else { solved.residual };
         times.gauss_seidel = lap(&mut clock);
 
-        constrained_motion(&mut ws.motion, bodies, pairs, &ws.collision.contacts, &ws.problem, &ws.free, &context, params);
+        constrained_motion(&mut ws.motion, bodies, pairs, &ws.collision.contacts, &ws.problem, &ws.free, params);
         times.constrained_motion = lap(&mut clock);
         ws.motion_time = times.constrained_motion;
 

@@ -349,7 +349,10 @@ impl World {
             entry.body.state().for_each_number(|x| hash.add(x));
         }
         for pair in &self.pairs {
-            pair.slip_speed.iter().for_each(|&v| hash.add(v));
+            for (c, v) in pair.slip_speed.iter().enumerate().filter(|(_, v)| **v != 0.0) {
+                hash.add(c as Real);
+                hash.add(*v);
+            }
             for side in [&pair.side_a, &pair.side_b, &pair.beyond] {
                 for (c, u) in side.displacement.iter().enumerate().filter(|(_, u)| **u != Vec3::zeros()) {
                     hash.add(c as Real);

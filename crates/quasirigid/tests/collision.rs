@@ -4,7 +4,7 @@ use quasirigid::body::{Amount, ComplianceModel, MassProperties, Material, Motion
 use quasirigid::collision::Contact;
 use quasirigid::math::{Pose, Real, Rot, Vec3};
 use quasirigid::scenes::{GraspOptions, GraspScene, Pinch, PinchOptions};
-use quasirigid::surface::moving_least_squares::project;
+use quasirigid::surface::moving_least_squares::{Cloud, project};
 use quasirigid::surface::{PointSurface, Surface, shapes};
 use quasirigid::{BodyHandle, Parameters, World};
 use std::collections::BTreeMap;
@@ -48,9 +48,9 @@ fn brute_force(a: &Surface, pose_a: &Pose, b: &Surface, pose_b: &Pose) -> BTreeM
         let x = pose.rotation * a.control.points[c] + pose.translation.vector;
         let normal = pose.rotation * a.control.normals[c];
         let everything = 0..b.len() as u32;
-        let Some(q) = project(&x, &b.points, &b.normals, std::slice::from_ref(&everything), &b.kernel, Some(&normal), 1e-12, 20) else {
-            continue;
-        };
+        let ranges = std::slice::from_ref(&everything);
+        let cloud = Cloud { points: &b.points, normals: &b.normals, ranges, kernel: &b.kernel, facing: Some(&normal) };
+        let Some(q) = project(&x, &cloud, 1e-12, 20) else { continue };
         let aside = b.points[q.nearest] - q.point;
         let aside = (aside - q.normal * q.normal.dot(&aside)).norm();
         if q.normal.dot(&normal) < 0.0 && aside < b.spacing {

@@ -4,7 +4,7 @@
 
 use quasirigid::math::{Real, Vec3};
 use quasirigid::surface::PointSurface;
-use quasirigid::surface::moving_least_squares::{Kernel, Projection, project};
+use quasirigid::surface::moving_least_squares::{Cloud, Kernel, Projection, project};
 use quasirigid::surface::shapes::{sample_box, sample_half_space, sample_sphere};
 
 const MAX_ITERATIONS: u32 = 30;
@@ -13,7 +13,8 @@ fn project_on(surface: &PointSurface, x: &Vec3, facing: Option<&Vec3>) -> Option
     let kernel = Kernel::for_spacing(surface.spacing()).unwrap();
     let tolerance = 1e-9 * surface.spacing();
     let all = [0..surface.len() as u32];
-    project(x, surface.points(), surface.normals(), &all, &kernel, facing, tolerance, MAX_ITERATIONS)
+    let cloud = Cloud { points: surface.points(), normals: surface.normals(), ranges: &all, kernel: &kernel, facing };
+    project(x, &cloud, tolerance, MAX_ITERATIONS)
 }
 
 #[test]

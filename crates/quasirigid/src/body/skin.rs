@@ -7,7 +7,7 @@ use crate::body::material::{ComplianceModel, Material};
 use crate::error::Result;
 use crate::math::{Real, Vec3};
 use crate::params::Parameters;
-use crate::surface::moving_least_squares::evaluate;
+use crate::surface::moving_least_squares::{Cloud, evaluate};
 use crate::surface::sphere_tree::sphere_around;
 use crate::surface::{Compliance, HalfSpaceCompliance, LocalCompliance, Surface};
 use std::sync::Arc;
@@ -234,8 +234,9 @@ impl Skin {
             surface.border_ranges(leaf as usize, &mut ranges);
             for k in surface.tree.leaf(leaf as usize).points() {
                 let facing = -surface.normals[k];
-                let here = evaluate(&points[k], &points, &surface.normals, &ranges, &surface.kernel, Some(&facing));
-                if let Some((_, normal)) = here {
+                let cloud =
+                    Cloud { points: &points, normals: &surface.normals, ranges: &ranges, kernel: &surface.kernel, facing: Some(&facing) };
+                if let Some((_, normal)) = evaluate(&points[k], &cloud) {
                     normals[k] = normal;
                 }
             }

@@ -30,13 +30,13 @@ use std::time::{Duration, Instant};
 /// A control point of body `a` and its projection on body `b`.
 #[derive(Debug, Clone)]
 pub struct Contact {
-    /// Index of the pair in the world's list.
+    /// Index of the pair in the world's list as it is in this step.
     pub pair: u32,
     /// Dense index of the body that carries the control point.
     pub body_a: u32,
     /// Dense index of the body whose surface it is projected on.
     pub body_b: u32,
-    /// The control point of `a`: with the pair, the stable key.
+    /// The control point of `a`: with the two bodies, the stable key.
     pub control_point: u32,
     /// Where it is: the deformed control point, world, m. Reactions act here on both bodies.
     pub point: Vec3,
@@ -125,7 +125,8 @@ pub(crate) fn collision(
     out.coarse = out.traversal.coarse;
     let traversed = Instant::now();
     let look = step.is_multiple_of(u64::from(params.collision_every));
-    projection::project_control_points(&mut out.projection, pairs, bodies, free, &out.reach, params, look, &mut out.contacts);
+    let now = projection::Snapshot { bodies, free, reach: &out.reach, params, look };
+    projection::project_control_points(&mut out.projection, pairs, now, &mut out.contacts);
     out.refit_time = out.traversal.refit_time;
     out.traverse_time = traversed - start - out.refit_time;
     out.projection_time = traversed.elapsed();

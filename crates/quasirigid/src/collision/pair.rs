@@ -36,6 +36,10 @@ pub struct Afar {
     pub forces: Vec<(u32, Vec3)>,
 }
 
+/// Steps for which two bodies that are no longer near stay a pair, though nothing is left to remember: that two part and meet again costs no new memory. Then the pair is
+/// forgotten, or of a heap of things that were thrown about there would soon be one for every two of them.
+const KEPT: u32 = 1_000;
+
 /// Two bodies that met. Each pair has an elastic memory of its own: two patches of different pairs on one surface do not see
 /// each other elastically, so that what the solver sees and what is remembered are the same operator.
 #[derive(Debug, Clone)]
@@ -46,6 +50,8 @@ pub struct Pair {
     pub b: u32,
     /// Whether the broad phase found them near in this step.
     pub near: bool,
+    /// Steps since it last did.
+    pub away: u32,
     /// Displacement of the two against each other by motion that is told or goes on, in this step.
     pub carried: Carried,
     /// Last reaction of each control point of `a`, contact frame, N; zero where there was none.
@@ -160,20 +166,22 @@ pub(crate) fn counts_as_rigid(skin_a: &Skin, skin_b: &Skin, params: &Parameters)
     gives(skin_a) > params.rigid_beyond * gives(skin_b)
 }
 
-/// Marks the pairs that are near and adds those that are new, keeping the list sorted by body indices.
+/// Marks the pairs that are near, adds those that are new and forgets those that have been apart for long, keeping the list sorted by body indices.
 pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[BodyEntry], table: &FrictionTable, params: &Parameters) {
-    for pair in pairs.iter_mut() {
+    pairs.retain_mut(|pair| {
         if !std::mem::replace(&mut pair.near, false) {
             pair.carried.forget();
         }
-    }
+        pair.away = pair.away.saturating_add(1);
+        pair.away < KEPT || !pair.is_idle()
+    });
     for &(i, j) in near {
         let (Some(skin_i), Some(skin_j)) = (bodies[i as usize].active_skin(), bodies[j as usize].active_skin()) else { continue };
         // A pair is sampled once, from the side with the finer control points: counted neither twice nor not at all.
         let finer_first = skin_i.surface.control.spacing <= skin_j.surface.control.spacing;
         let (a, b) = if finer_first { (i, j) } else { (j, i) };
         match pairs.binary_search_by_key(&(a, b), |pair| (pair.a, pair.b)) {
-            Ok(found) => pairs[found].near = true,
+            Ok(found) => (pairs[found].near, pairs[found].away) = (true, 0),
             Err(place) => {
                 let (skin_a, skin_b) = if finer_first { (skin_i, skin_j) } else { (skin_j, skin_i) };
                 let (count_a, count_b) = (skin_a.surface.control.len(), skin_b.surface.control.len());
@@ -182,6 +190,7 @@ pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[
                     a,
                     b,
                     near: true,
+                    away: 0,
                     carried: Carried::none(),
                     reaction: vec![Vec3::zeros(); count_a],
                     trend: vec![Vec3::zeros(); count_a],
@@ -201,5 +210,52 @@ pub(super) fn match_pairs(pairs: &mut Vec<Pair>, near: &[(u32, u32)], bodies: &[
                 pairs.insert(place, pair);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::World;
+    use crate::body::{Amount, MassProperties, Material, Motion, RigidBody};
+    use crate::math::Pose;
+    use crate::surface::{Surface, shapes};
+    use std::sync::Arc;
+
+    #[test]
+    fn bodies_that_have_long_been_apart_are_no_pair_and_meet_like_strangers() {
+        let steps = |world: &mut World, count: u32| (0..count).for_each(|_| drop(world.step()));
+        let scene = || {
+            let surface = |points, control| Arc::new(Surface::build(points, Some(control)).unwrap());
+            let rubber = Material::preset("rubber").unwrap();
+            let mut world = World::new(Parameters { gravity: Vec3::zeros(), ..Parameters::default() }).unwrap();
+            let plate = RigidBody::fixed("plate", Pose::identity()).unwrap();
+            world.add_body(plate, Some((surface(shapes::sample_half_space(0.1, 900).unwrap(), 100), rubber.clone()))).unwrap();
+            let mass = MassProperties::sphere(0.02, Amount::Mass(0.05)).unwrap();
+            let ball = RigidBody::free("ball", mass, Motion::QuasiStatic, Pose::translation(0.0, 0.0, 0.1)).unwrap();
+            let ball = world.add_body(ball, Some((surface(shapes::sample_sphere(0.02, 900).unwrap(), 120), rubber))).unwrap();
+            (world, ball)
+        };
+        let press = |world: &mut World, ball| {
+            let body = world.body_mut(ball).unwrap();
+            body.set_pose(Pose::translation(0.0, 0.0, 0.0201)).unwrap();
+            body.set_external_wrench(Vec3::new(0.0, 0.0, -2.0), Vec3::zeros()).unwrap();
+            steps(world, 30);
+            assert!(world.contacts().len() > 3 && world.pairs.len() == 1, "{} contacts", world.contacts().len());
+        };
+        let (mut world, ball) = scene();
+        press(&mut world, ball);
+        let body = world.body_mut(ball).unwrap();
+        body.set_pose(Pose::translation(0.0, 0.0, 0.1)).unwrap();
+        body.set_external_wrench(Vec3::zeros(), Vec3::zeros()).unwrap();
+        steps(&mut world, KEPT - 1);
+        assert_eq!(world.pairs.len(), 1, "forgotten too early");
+        steps(&mut world, 1);
+        assert!(world.pairs.is_empty());
+        press(&mut world, ball);
+
+        let (mut fresh, ball) = scene();
+        press(&mut fresh, ball);
+        assert_eq!(world.state_hash(), fresh.state_hash());
     }
 }

@@ -8,7 +8,7 @@ use crate::free_motion::FreeMotion;
 use crate::math::{Mat3, Pose, Real, Vec3, contact_frame};
 use crate::params::Parameters;
 use crate::surface::Weights;
-use crate::surface::moving_least_squares::{FACES, project};
+use crate::surface::moving_least_squares::{Cloud, FACES, project};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -104,22 +104,24 @@ struct Due {
     approach: Real,
 }
 
+/// What all projections of a step look at: geometry is frozen at its start.
+#[derive(Clone, Copy)]
+pub(super) struct Snapshot<'a> {
+    pub bodies: &'a [BodyEntry],
+    pub free: &'a [FreeMotion],
+    /// How far any surface point of each body may move in this step before contact forces, m.
+    pub reach: &'a [Real],
+    pub params: &'a Parameters,
+    /// Whether what is remembered is held against its usual limits in this step, see [`Parameters::collision_every`].
+    pub look: bool,
+}
+
 /// Every control point with a coupled leaf becomes a contact if it is near enough. Where what it remembers no longer holds it is projected first, once, from
-/// the leaf that holds the nearest point that faces it. `look`: whether what is remembered is held against its usual limits in this step, see
-/// [`Parameters::collision_every`].
-#[allow(clippy::too_many_arguments)] // inputs and outputs of the stage
-pub(super) fn project_control_points(
-    scratch: &mut Scratch,
-    pairs: &mut [Pair],
-    bodies: &[BodyEntry],
-    free: &[FreeMotion],
-    reach: &[Real],
-    params: &Parameters,
-    look: bool,
-    contacts: &mut Vec<Contact>,
-) {
+/// the leaf that holds the nearest point that faces it.
+pub(super) fn project_control_points(scratch: &mut Scratch, pairs: &mut [Pair], now: Snapshot<'_>, contacts: &mut Vec<Contact>) {
+    let Snapshot { bodies, reach, params, .. } = now;
     // Between two looks a foot and its tangent plane are carried along with `b`, for as far as a contact is seen coming.
-    let carried = if look { -1.0 } else { params.contact_margin };
+    let carried = if now.look { -1.0 } else { params.contact_margin };
     // Room for every control point that is coupled: how many of them are due at once may show long after a step has first met them.
     let room = pairs.iter().map(|pair| pair.coupling.coupled.capacity()).sum();
     scratch.due.clear();
@@ -130,7 +132,7 @@ pub(super) fn project_control_points(
         if pair.coupling.coupled.is_empty() || pair.coupling.is_quiet(pair.a, pair.b, bodies, approach) {
             continue;
         }
-        let Some(view) = View::of(pair, bodies, free, params) else { continue };
+        let Some(view) = View::of(pair, now) else { continue };
         let slack = SLACK * view.skin_b.surface.spacing;
         let first = scratch.due.len();
         let mut quiet_for = Real::INFINITY;
@@ -162,7 +164,7 @@ pub(super) fn project_control_points(
         for (due, learnt) in due.iter().zip(learnt) {
             let pair = &known[due.pair as usize];
             if view.as_ref().is_none_or(|(index, _)| *index != due.pair) {
-                view = View::of(pair, bodies, free, params).map(|view| (due.pair, view));
+                view = View::of(pair, now).map(|view| (due.pair, view));
             }
             if let Some((_, view)) = &view {
                 *learnt = view.project(pair, due);
@@ -180,7 +182,7 @@ pub(super) fn project_control_points(
         if pair.coupling.coupled.is_empty() || pair.coupling.sees_nothing() {
             continue;
         }
-        let Some(view) = View::of(pair, bodies, free, params) else { continue };
+        let Some(view) = View::of(pair, now) else { continue };
         for coupled in groups(&pair.coupling.coupled) {
             let (start, control_point) = (coupled.start as u32, pair.coupling.coupled[coupled.start].control_point as usize);
             let new = learnt.next_if(|(due, _)| due.pair == index as u32 && due.coupled.start == start);
@@ -220,7 +222,8 @@ struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    fn of(pair: &Pair, bodies: &'a [BodyEntry], free: &[FreeMotion], params: &'a Parameters) -> Option<Self> {
+    fn of(pair: &Pair, now: Snapshot<'a>) -> Option<Self> {
+        let Snapshot { bodies, free, params, .. } = now;
         let (a, b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
         let (pose_a, pose_b) = (a.body.link_pose(a.skin_link), b.body.link_pose(b.skin_link));
         let pose_ba: Pose = pose_b.inverse() * pose_a;
@@ -350,17 +353,9 @@ impl<'a> View<'a> {
         }
         // At an edge the projection keeps to the face that was chosen.
         let facing = if at_edge.is_some() { -surface.normals[nearest] } else { normal_a };
-        let found = project(
-            x,
-            &surface.points,
-            &surface.normals,
-            border.ranges(),
-            &surface.kernel,
-            Some(&facing),
-            params.projection_tolerance,
-            MOST_PROJECTIONS,
-        );
-        let Some(q) = found else { return nothing() };
+        let (points, normals) = (&surface.points, &surface.normals);
+        let cloud = Cloud { points, normals, ranges: border.ranges(), kernel: &surface.kernel, facing: Some(&facing) };
+        let Some(q) = project(x, &cloud, params.projection_tolerance, MOST_PROJECTIONS) else { return nothing() };
         // Artefacts of high curvature: a surface that does not face the control point, or a foot beyond the border of the leaf. So far beyond that only a row of points has
         // weight they do not say which way the surface lies, and the foot is not under the control point.
         let aside = |v: Vec3| (v - q.normal * q.normal.dot(&v)).norm();

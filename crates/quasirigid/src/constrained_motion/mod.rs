@@ -26,7 +26,6 @@ pub struct Scratch {
 }
 
 /// `dx = dx_free + A^-1 J^T f`; then the elastic displacements.
-#[allow(clippy::too_many_arguments)] // every input and output of the stage, in the order of the pipeline
 pub fn constrained_motion(
     scratch: &mut Scratch,
     bodies: &mut [BodyEntry],
@@ -34,9 +33,9 @@ pub fn constrained_motion(
     contacts: &[Contact],
     problem: &ContactProblem,
     free: &[FreeMotion],
-    context: &StepContext,
     params: &Parameters,
 ) {
+    let context = StepContext::of(params);
     let reactions = &problem.reactions;
     slip::remember(pairs, contacts, problem, context.dt);
     deformation::remember(&mut scratch.deformation, pairs, bodies, contacts, problem, params);
@@ -51,7 +50,7 @@ pub fn constrained_motion(
         }
         let dx = free.displacement + free.response(force);
         let before = entry.body.state();
-        advance(&mut entry.body, free, &dx, force, context);
+        advance(&mut entry.body, free, &dx, force, &context);
         if !(is_sound(&dx) && entry.body.is_finite()) {
             // Nothing non-finite leaves the step: back to where it was, out of the way, and reported.
             entry.body.restore(&before);

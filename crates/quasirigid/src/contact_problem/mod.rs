@@ -120,9 +120,15 @@ pub fn contact_problem(
         out.deform_time += filled.elapsed();
         match finished {
             Ok(()) => return,
-            Err(ill_posed) => {
-                contacts.remove(ill_posed);
-                out.ill_posed += 1;
+            Err(first) => {
+                // All at once: whether a contact can be solved is a matter of its own block, and that is the same without the others.
+                let before = contacts.len();
+                let mut i = 0;
+                contacts.retain(|_| {
+                    i += 1;
+                    i - 1 < first || (i - 1 > first && out.w.is_well_posed(i - 1))
+                });
+                out.ill_posed += before - contacts.len();
             }
         }
     }
@@ -245,4 +251,45 @@ fn rigid_rows(contact: &Contact, body: u32, entry: &BodyEntry, free: &FreeMotion
     }
     let jacobian = entry.body.point_jacobian(entry.skin_link, &contact.point);
     (body, contact.frame.transpose() * jacobian * free.inverse_root * sign)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::body::{Amount, ComplianceModel, MassProperties, Material, Motion, RigidBody};
+    use crate::math::Pose;
+    use crate::surface::{ComplianceMatrix, Surface, shapes};
+    use crate::{Parameters, World};
+    use std::sync::Arc;
+
+    #[test]
+    fn contacts_where_nothing_moves_and_nothing_gives_are_left_out_all_at_once() {
+        let size = Vec3::repeat(0.02);
+        let cube = Surface::build(shapes::sample_box(size, 1_200).unwrap(), Some(150)).unwrap();
+        // Every other control point gives, the rest do not.
+        let gives = |i: usize| i.is_multiple_of(2);
+        let n = 3 * cube.control.len();
+        let matrix = nalgebra::DMatrix::from_fn(n, n, |i, j| if i == j && gives(i / 3) { 1e-4 } else { 0.0 });
+        let matrix = ComplianceModel::Matrix(Arc::new(ComplianceMatrix::new(&matrix).unwrap()));
+        let mass = MassProperties::cuboid(size, Amount::Mass(0.1)).unwrap();
+        let plate = Arc::new(Surface::build(shapes::sample_half_space(0.1, 900).unwrap(), Some(100)).unwrap());
+        let mut world = World::new(Parameters::default()).unwrap();
+        let steel = Material::preset("steel").unwrap();
+        world.add_body(RigidBody::fixed("plate", Pose::identity()).unwrap(), Some((plate, steel.clone()))).unwrap();
+        let cube_body = RigidBody::free("cube", mass, Motion::Inertial, Pose::translation(0.0, 0.0, 0.01)).unwrap();
+        world.add_body(cube_body, Some((Arc::new(cube), steel.with_model(matrix).unwrap()))).unwrap();
+        let report = world.step();
+        let all: Vec<u32> = world.contacts().iter().map(|contact| contact.control_point).collect();
+        assert!(report.ill_posed == 0 && all.len() > 10, "{report:?}");
+
+        // The same contacts, were the cube held fast.
+        let held = vec![FreeMotion::none(); 2];
+        let World { workspace: ws, pairs, bodies, params, .. } = &mut world;
+        let (contacts, filled) = (&mut ws.collision.contacts, ws.problem.serial);
+        contact_problem(&mut ws.problem, contacts, pairs, bodies, &held, params.dt);
+        let left: Vec<u32> = contacts.iter().map(|contact| contact.control_point).collect();
+        assert_eq!(left, all.iter().copied().filter(|&c| gives(c as usize)).collect::<Vec<_>>());
+        assert_eq!((ws.problem.ill_posed, ws.problem.len()), (all.len() - left.len(), left.len()));
+        assert!(ws.problem.serial - filled <= 2, "elastic rows were filled {} times", ws.problem.serial - filled);
+    }
 }

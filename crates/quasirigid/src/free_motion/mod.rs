@@ -18,7 +18,7 @@ pub use expected::Expected;
 use crate::body::{Body, BodyEntry, JointStop};
 use crate::error::{Result, check_finite, check_positive};
 use crate::math::{MAX_DOF, Mat6, Real, Vec3, Vec6};
-use crate::params::ABSURD_DISPLACEMENT;
+use crate::params::{ABSURD_DISPLACEMENT, Parameters};
 
 /// What all bodies of a step share.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,6 +30,11 @@ pub struct StepContext {
 }
 
 impl StepContext {
+    /// That of a world with these parameters.
+    pub fn of(params: &Parameters) -> Self {
+        Self { dt: params.dt, gravity: params.gravity }
+    }
+
     /// A context, checked.
     ///
     /// # Errors

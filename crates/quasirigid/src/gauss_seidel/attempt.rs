@@ -4,11 +4,11 @@ use super::assembled::Assembled;
 use super::contact_solve::ContactStatus;
 use super::deadline::Deadline;
 use super::delassus::Delassus;
-use super::interior_point::interior_point;
+use super::interior_point::{Until, interior_point};
 use super::parameters::{Measure, SolverParameters, Stop};
 use super::proximal::proximal_newton;
 use super::residual::{AsGiven, natural_map_residual, project_on_cone};
-use super::sweep::{Scratch, WORST_ERROR, name_statuses, solve_until};
+use super::sweep::{Run, Scratch, WORST_ERROR, name_statuses};
 use super::system::{ContactSystem, SystemSolution};
 use crate::error::{Error, Result, check_finite};
 use crate::math::{Real, Vec3};
@@ -143,7 +143,8 @@ impl Attempt<'_> {
             measure: Measure::AsGiven,
             foretold: false,
         };
-        let report = solve_until(w, q, mu, &mut self.reactions, &mut self.status, &parameters, &mut Scratch::default(), self.deadline);
+        let run = Run::start(w, q, mu, &mut self.reactions, &mut self.status, &parameters, self.deadline);
+        let report = run.finish(&mut Scratch::default());
         self.sweeps += report.sweeps;
         self.newton_steps += report.newton_steps;
         report.stop
@@ -248,8 +249,12 @@ impl Attempt<'_> {
         let (deadline, left) = (self.deadline, self.max_sweeps.saturating_sub(self.sweeps));
         let late = || deadline.passed();
         let outcome = match method {
-            Method::InteriorPoint { hold } => interior_point(w, q, mu, &mut self.reactions, Real::INFINITY, 0.1 * goal, hold, left, &late),
-            Method::Proximal { steps } => proximal_newton(w, q, mu, &mut self.reactions, 0.5 * goal, left.min(steps), &late),
+            Method::InteriorPoint { hold } => {
+                interior_point(w, q, mu, &mut self.reactions, hold, Until { goal: 0.1 * goal, steps: left, late: &late })
+            }
+            Method::Proximal { steps } => {
+                proximal_newton(w, q, mu, &mut self.reactions, Until { goal: 0.5 * goal, steps: left.min(steps), late: &late })
+            }
         };
         self.sweeps += outcome.steps;
         self.newton_steps += outcome.steps;
@@ -392,7 +397,7 @@ mod tests {
         let system = ContactSystem::from_dense(&w, &q, &mu).unwrap();
         for hold in [0.1, 0.01, 1.0] {
             let mut r = vec![Vec3::zeros(); mu.len()];
-            let outcome = interior_point(&system.w, &system.q, &mu, &mut r, Real::INFINITY, 1e-9, hold, 60, &|| false);
+            let outcome = interior_point(&system.w, &system.q, &mu, &mut r, hold, Until { goal: 1e-9, steps: 60, late: &|| false });
             assert!(outcome.error < 1e-6, "hold {hold}: {:e} after {} steps", outcome.error, outcome.steps);
         }
     }

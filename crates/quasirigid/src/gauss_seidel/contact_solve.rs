@@ -343,13 +343,12 @@ mod tests {
                 return Ok(());
             }
             // For every direction of friction the normal row gives f; the law holds where delta_t is parallel to f_t and against it.
-            let force_at = |angle: Real| {
-                let d = Vec3::new(0.0, angle.cos(), angle.sin());
-                let ray = Vec3::x() + d * mu;
-                ray * (-b.x / (w * ray).x)
-            };
+            let ray_at = |angle: Real| Vec3::new(1.0, mu * angle.cos(), mu * angle.sin());
+            let force_at = |angle: Real| ray_at(angle) * (-b.x / (w * ray_at(angle)).x);
+            // Times the denominator of the force, so that there is no pole beside a root: strong coupling brings them within a step of each other.
             let across = |angle: Real| {
-                let delta = w * force_at(angle) + b;
+                let moved = w * ray_at(angle);
+                let delta = moved * -b.x + b * moved.x;
                 delta.y * angle.sin() - delta.z * angle.cos()
             };
             let steps = 3600;

@@ -46,25 +46,25 @@ pub(super) struct Outcome {
     pub(super) steps: u32,
 }
 
-/// Looks for a solution from the middle of the cones. `r` is overwritten by the best iterate, in its cones, if that has a natural map (norm, `rho = 1`) below `start_error`.
-/// Stops at `goal`, after `steps` at most, or when `late` says so.
+/// When a run ends.
+#[derive(Clone, Copy)]
+pub(super) struct Until<'a> {
+    /// Norm of the natural map with `rho = 1` that is good enough.
+    pub(super) goal: Real,
+    /// Steps at most.
+    pub(super) steps: u32,
+    /// Asked before every step: whether time is up.
+    pub(super) late: &'a dyn Fn() -> bool,
+}
+
+/// Looks for a solution from the middle of the cones. `r` is overwritten by the best iterate, in its cones.
 ///
 /// `hold`: the barrier parameter is kept above this share of `|p|`, so that the iterates do not come to the edge before the equation is met.
 /// 0.1 and 0.01 are both good, on different problems.
-#[allow(clippy::too_many_arguments)] // one caller
-pub(super) fn interior_point(
-    w: &Assembled,
-    q: &[Vec3],
-    mu: &[Real],
-    r: &mut [Vec3],
-    start_error: Real,
-    goal: Real,
-    hold: Real,
-    steps: u32,
-    late: &dyn Fn() -> bool,
-) -> Outcome {
+pub(super) fn interior_point(w: &Assembled, q: &[Vec3], mu: &[Real], r: &mut [Vec3], hold: Real, until: Until<'_>) -> Outcome {
+    let Until { goal, steps, late } = until;
     let n = mu.len();
-    let mut outcome = Outcome { error: start_error, steps: 0 };
+    let mut outcome = Outcome { error: Real::INFINITY, steps: 0 };
     // Forces and velocities of order one.
     let compliance = (0..n).map(|i| w.diagonal_block(i).matrix().trace()).sum::<Real>() / (3 * n) as Real;
     let velocity = (q.iter().map(Vec3::norm_squared).sum::<Real>() / n as Real).sqrt();

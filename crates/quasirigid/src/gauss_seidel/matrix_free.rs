@@ -137,17 +137,25 @@ impl MatrixFree {
             *body = [0.0; 6];
         }
         for i in 0..n {
-            let contact = &self.contacts[i];
-            let bodies_exist = [contact.a, contact.b].iter().all(|&slot| slot == NO_BODY || (slot as usize) < self.bodies.len());
-            if !(bodies_exist && (self.rows_kept || self.row_is_sound(i))) {
-                return Err(i);
-            }
-            self.blocks.push(ContactBlock::new(&self.block(i, i)).ok_or(i)?);
+            let block = self.sound_block(i).ok_or(i)?;
+            self.blocks.push(block);
         }
         for &(i, drag) in &self.drags {
             self.blocks[i as usize].set_drag(drag);
         }
         Ok(())
+    }
+
+    /// Whether contact `i` can be solved, with whatever others: whether [`MatrixFree::finish`] would not refuse it.
+    pub(crate) fn is_well_posed(&self, i: usize) -> bool {
+        self.sound_block(i).is_some()
+    }
+
+    /// The diagonal block of contact `i`, if it can be solved.
+    fn sound_block(&self, i: usize) -> Option<ContactBlock> {
+        let contact = &self.contacts[i];
+        let bodies_exist = [contact.a, contact.b].iter().all(|&slot| slot == NO_BODY || (slot as usize) < self.bodies.len());
+        if bodies_exist && (self.rows_kept || self.row_is_sound(i)) { ContactBlock::new(&self.block(i, i)) } else { None }
     }
 
     /// Whether the elastic row of contact `i` is finite and names contacts that exist.

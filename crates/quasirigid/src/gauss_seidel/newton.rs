@@ -295,7 +295,7 @@ mod tests {
         ) {
             let w = Mat3::new(d[0], c[0], c[1], c[0], d[1], c[2], c[1], c[2], d[2]);
             let (b, db) = (Vec3::from(b), Vec3::from(db) * 1e-6);
-            let mut block = ContactBlock::new(&w).unwrap();
+            let Some(mut block) = ContactBlock::new(&w) else { return Ok(()) };
             block.set_drag(drag);
             let (f, status) = block.solve(&b, mu);
             let (after, status_after) = block.solve(&(b + db), mu);

@@ -10,7 +10,7 @@
 
 use super::assembled::Assembled;
 use super::delassus::Delassus;
-use super::interior_point::Outcome;
+use super::interior_point::{Outcome, Until};
 use super::newton::slope;
 use super::residual::{natural_map, project_on_cone};
 use crate::math::{Mat3, Real, Vec3};
@@ -57,18 +57,9 @@ fn evaluate(w: &mut Assembled, q: &[Vec3], mu: &[Real], f: Vec<Vec3>, alpha: Rea
     Point { f, delta, merit: merit.sqrt() }
 }
 
-/// Starts from `r` and overwrites it by the best centre, in its cones, which is better or worse than what it was. Stops when the natural map (norm, `rho = 1`) is within
-/// `goal`, after `steps` at most, or when `late` says so.
-#[allow(clippy::too_many_arguments)] // one caller
-pub(super) fn proximal_newton(
-    w: &mut Assembled,
-    q: &[Vec3],
-    mu: &[Real],
-    r: &mut [Vec3],
-    goal: Real,
-    steps: u32,
-    late: &dyn Fn() -> bool,
-) -> Outcome {
+/// Starts from `r` and overwrites it by the best centre, in its cones, which is better or worse than what it was.
+pub(super) fn proximal_newton(w: &mut Assembled, q: &[Vec3], mu: &[Real], r: &mut [Vec3], until: Until<'_>) -> Outcome {
+    let Until { goal, steps, late } = until;
     let n = q.len();
     let mut alpha = FIRST_ALPHA;
     let mut centre = r.to_vec();

@@ -111,39 +111,11 @@ pub fn solve<W: Delassus>(
     parameters: &SolverParameters,
     scratch: &mut Scratch,
 ) -> SolveReport {
-    solve_until(w, delta_free, mu, f, status, parameters, scratch, Deadline::new(parameters.time_budget, None))
-}
-
-/// [`solve`] with a deadline instead of the time budget of the parameters.
-#[allow(clippy::too_many_arguments)] // one more than `solve`
-pub(super) fn solve_until<W: Delassus>(
-    w: &mut W,
-    delta_free: &[Vec3],
-    mu: &[Real],
-    f: &mut [Vec3],
-    status: &mut [ContactStatus],
-    parameters: &SolverParameters,
-    scratch: &mut Scratch,
-    deadline: Deadline<'_>,
-) -> SolveReport {
-    let n = w.len();
-    assert!([delta_free.len(), mu.len(), f.len(), status.len()].iter().all(|&length| length == n), "one entry per contact");
-    scratch.reserve(n);
-    if f.iter().any(|f| !f.iter().all(|x| x.is_finite())) {
-        f.fill(Vec3::zeros());
-    }
-    let free_force = delta_free.iter().enumerate().map(|(i, d)| (w.diagonal_block(i).rho() * d).norm_squared()).sum::<Real>().sqrt();
-    if free_force == 0.0 {
-        // Nothing to undo: no force is the solution, and sweeps would only halve the warm start time and again.
-        f.fill(Vec3::zeros());
-    }
-    w.set_reactions(f);
-    let mut run = Run { w, delta_free, mu, f, status, parameters, deadline, free_force, seen: Real::INFINITY, sweeps: 0, newton_steps: 0 };
-    run.sweep_until_patience_ends(scratch).unwrap_or_else(|| run.step_until_done(scratch))
+    Run::start(w, delta_free, mu, f, status, parameters, Deadline::new(parameters.time_budget, None)).finish(scratch)
 }
 
 /// One call of [`solve`] under way.
-struct Run<'a, W> {
+pub(super) struct Run<'a, W> {
     w: &'a mut W,
     delta_free: &'a [Vec3],
     mu: &'a [Real],
@@ -159,7 +131,37 @@ struct Run<'a, W> {
     newton_steps: u32,
 }
 
-impl<W: Delassus> Run<'_, W> {
+impl<'a, W: Delassus> Run<'a, W> {
+    /// What [`solve`] is given, with a deadline in place of the time budget of the parameters.
+    pub(super) fn start(
+        w: &'a mut W,
+        delta_free: &'a [Vec3],
+        mu: &'a [Real],
+        f: &'a mut [Vec3],
+        status: &'a mut [ContactStatus],
+        parameters: &'a SolverParameters,
+        deadline: Deadline<'a>,
+    ) -> Self {
+        let n = w.len();
+        assert!([delta_free.len(), mu.len(), f.len(), status.len()].iter().all(|&length| length == n), "one entry per contact");
+        if f.iter().any(|f| !f.iter().all(|x| x.is_finite())) {
+            f.fill(Vec3::zeros());
+        }
+        let free_force = delta_free.iter().enumerate().map(|(i, d)| (w.diagonal_block(i).rho() * d).norm_squared()).sum::<Real>().sqrt();
+        if free_force == 0.0 {
+            // Nothing to undo: no force is the solution, and sweeps would only halve the warm start time and again.
+            f.fill(Vec3::zeros());
+        }
+        w.set_reactions(f);
+        Self { w, delta_free, mu, f, status, parameters, deadline, free_force, seen: Real::INFINITY, sweeps: 0, newton_steps: 0 }
+    }
+
+    /// Sweeps, and Newton steps if those are not enough.
+    pub(super) fn finish(mut self, scratch: &mut Scratch) -> SolveReport {
+        scratch.reserve(self.f.len());
+        self.sweep_until_patience_ends(scratch).unwrap_or_else(|| self.step_until_done(scratch))
+    }
+
     /// Sweeps, accelerated after the first few. `None` if the problem needs more than that.
     fn sweep_until_patience_ends(&mut self, scratch: &mut Scratch) -> Option<SolveReport> {
         let n = self.f.len();

@@ -3,7 +3,7 @@
 use crate::math::{Real, Vec3, any_perpendicular};
 use crate::surface::kernel::{Kernel, exp_minus};
 use crate::surface::lane::{LANES, Lane};
-use crate::surface::moving_least_squares::project;
+use crate::surface::moving_least_squares::{Cloud, project};
 use crate::surface::neighbours::NeighbourGrid;
 use crate::surface::sphere_tree::SphereTree;
 use rayon::prelude::*;
@@ -113,7 +113,7 @@ impl ControlPoints {
                 .unwrap_or(node.first_point as usize);
             // Only points that look the way of this leaf may decide where its surface is: the other side of a thin plate is near, too.
             let facing = -normals[nearest];
-            project(&node.center, points, normals, ranges, kernel, Some(&facing), tolerance, 20)
+            project(&node.center, &Cloud { points, normals, ranges, kernel, facing: Some(&facing) }, tolerance, 20)
                 .map_or((points[nearest], normals[nearest]), |p| (p.point, p.normal))
         };
         let found: Vec<(Vec3, Vec3)> = (0..tree.leaves.len()).into_par_iter().map_init(Vec::new, on_surface).collect();

@@ -60,10 +60,23 @@ pub struct Projection {
     pub iterations: u32,
 }
 
-/// Signed distance (m, positive outside) and unit normal of the surface at `x`, from the candidates `points[r]` for `r` in
-/// `ranges` with unit outward `normals`. With `facing` only points with `n_k . facing <` [`FACES`] may give the reference normal: pass the
-/// outward normal of the touching surface. `None` if under 3 points within the cutoff agree with the reference, or they make no plane.
-/// Ranges beyond the end of the arrays are cut.
+/// The points that decide where the surface is: `points[r]` for `r` in `ranges`, in the caller's memory.
+#[derive(Debug, Clone, Copy)]
+pub struct Cloud<'a> {
+    /// Positions, m.
+    pub points: &'a [Vec3],
+    /// Unit outward normals.
+    pub normals: &'a [Vec3],
+    /// Which of them are meant; what is beyond the end of the arrays is cut.
+    pub ranges: &'a [Range<u32>],
+    /// Their weight by distance.
+    pub kernel: &'a Kernel,
+    /// Only points with `n_k . facing <` [`FACES`] may give the reference normal: the outward normal of the touching surface.
+    pub facing: Option<&'a Vec3>,
+}
+
+/// Signed distance (m, positive outside) and unit normal of the surface at `x` (m, frame of the points). `None` if under 3 points within the cutoff agree with
+/// the reference, or they make no plane.
 ///
 /// Error of the zero set on a sphere of radius R with `Kernel::for_spacing(s)`, worst of 2,000 positions, in spacings:
 ///
@@ -73,35 +86,17 @@ pub struct Projection {
 /// | 9.8 | 1.6e-1 | 1.6e-1 | 1.8e-5 | 3.5e-3 |
 /// | 19.5 | 7.8e-2 | 7.8e-2 | 9.6e-6 | 1.5e-3 |
 /// | 39.1 | 3.9e-2 | 3.9e-2 | 4.9e-6 | 8.1e-4 |
-pub fn evaluate(
-    x: &Vec3,
-    points: &[Vec3],
-    normals: &[Vec3],
-    ranges: &[Range<u32>],
-    kernel: &Kernel,
-    facing: Option<&Vec3>,
-) -> Option<(Real, Vec3)> {
-    let cloud = Cloud { points, normals, kernel, facing };
-    let fit = cloud.fit(x, cloud.nearest(x, ranges)?.0, ranges)?;
+pub fn evaluate(x: &Vec3, cloud: &Cloud) -> Option<(Real, Vec3)> {
+    let fit = cloud.fit(x, cloud.nearest(x)?.0)?;
     Some((fit.distance(), fit.normal))
 }
 
 /// Projects `x` (m, frame of the points) on the surface: repeats `x <- x - n d(x)` until `|d| < tolerance` (m; foretold from the last two), with `d` and `n` from
-/// [`evaluate`] and at most `max_iterations` evaluations. Arguments and `None` as there, but `x` may be any distance away:
+/// [`evaluate`] and at most `max_iterations` evaluations. `None` as there, but `x` may be any distance away:
 /// beyond the cutoff it starts from the tangent plane of its nearest point and keeps to the line from `x` along the normal.
-#[expect(clippy::too_many_arguments, reason = "plain slices, so that the caller's memory is used as it lies")]
-pub fn project(
-    x: &Vec3,
-    points: &[Vec3],
-    normals: &[Vec3],
-    ranges: &[Range<u32>],
-    kernel: &Kernel,
-    facing: Option<&Vec3>,
-    tolerance: Real,
-    max_iterations: u32,
-) -> Option<Projection> {
-    let cloud = Cloud { points, normals, kernel, facing };
-    let (mut nearest, r2) = cloud.nearest(x, ranges)?;
+pub fn project(x: &Vec3, cloud: &Cloud, tolerance: Real, max_iterations: u32) -> Option<Projection> {
+    let Cloud { points, normals, kernel, .. } = *cloud;
+    let (mut nearest, r2) = cloud.nearest(x)?;
     let mut near = Gathered::nothing();
     // About how far the query has to move: its height over the tangent plane of its nearest point.
     let mut height = normals[nearest].dot(&(x - points[nearest]));
@@ -116,7 +111,7 @@ pub fn project(
     loop {
         // The candidates at hand are complete while y stays within the slack of where the candidates were gathered.
         if !near.holds(&y) {
-            near.gather(&cloud, &y, height.abs() + 0.1 * kernel.cutoff(), ranges);
+            near.gather(cloud, &y, height.abs() + 0.1 * kernel.cutoff());
             height = 0.0;
         }
         let fit = if near.count <= GATHER {
@@ -126,8 +121,8 @@ pub fn project(
             blocks.iter().for_each(|block| moments.add(block, kernel));
             moments.fit()?
         } else {
-            nearest = cloud.nearest(&y, ranges)?.0;
-            cloud.fit(&y, nearest, ranges)?
+            nearest = cloud.nearest(&y)?.0;
+            cloud.fit(&y, nearest)?
         };
         iterations += 1;
         let distance = fit.distance();
@@ -171,10 +166,10 @@ impl Gathered {
     }
 
     /// Takes all candidates that have weight somewhere within `slack` (m) of `y`.
-    fn gather(&mut self, cloud: &Cloud, y: &Vec3, slack: Real, ranges: &[Range<u32>]) {
+    fn gather(&mut self, cloud: &Cloud, y: &Vec3, slack: Real) {
         let reach2 = (cloud.kernel.cutoff() + slack) * (cloud.kernel.cutoff() + slack);
         let mut count = 0;
-        cloud.for_each(ranges, |k, point, normal| {
+        cloud.for_each(|k, point, normal| {
             if (point - y).norm_squared() < reach2 {
                 if count < GATHER {
                     self.indices[count] = k as u32;
@@ -193,20 +188,12 @@ impl Gathered {
     }
 }
 
-/// What does not change during a projection.
-struct Cloud<'a> {
-    points: &'a [Vec3],
-    normals: &'a [Vec3],
-    kernel: &'a Kernel,
-    facing: Option<&'a Vec3>,
-}
-
 impl Cloud<'_> {
     /// Visits all candidates, cut to what there is.
     #[inline(always)]
-    fn for_each(&self, ranges: &[Range<u32>], mut visit: impl FnMut(usize, &Vec3, &Vec3)) {
+    fn for_each(&self, mut visit: impl FnMut(usize, &Vec3, &Vec3)) {
         let len = self.points.len().min(self.normals.len());
-        for range in ranges {
+        for range in self.ranges {
             let end = (range.end as usize).min(len);
             let start = (range.start as usize).min(end);
             for (i, (point, normal)) in self.points[start..end].iter().zip(&self.normals[start..end]).enumerate() {
@@ -222,9 +209,9 @@ impl Cloud<'_> {
     }
 
     /// Index and squared distance (m^2) of the nearest candidate that faces the query, the first of equals.
-    fn nearest(&self, x: &Vec3, ranges: &[Range<u32>]) -> Option<(usize, Real)> {
+    fn nearest(&self, x: &Vec3) -> Option<(usize, Real)> {
         let mut best = (usize::MAX, Real::INFINITY);
-        self.for_each(ranges, |k, point, normal| {
+        self.for_each(|k, point, normal| {
             let r2 = (point - x).norm_squared();
             if r2 < best.1 && self.faces(normal) {
                 best = (k, r2);
@@ -234,11 +221,11 @@ impl Cloud<'_> {
     }
 
     /// The local surface at `x`, straight from the ranges.
-    fn fit(&self, x: &Vec3, reference: usize, ranges: &[Range<u32>]) -> Option<Fit> {
+    fn fit(&self, x: &Vec3, reference: usize) -> Option<Fit> {
         let mut moments = Moments::about(x, &self.normals[reference]);
         let mut block = Block::EMPTY;
         let mut filled = 0;
-        self.for_each(ranges, |_, point, normal| {
+        self.for_each(|_, point, normal| {
             block.set(filled, point, normal, true);
             filled += 1;
             if filled == LANES {
@@ -263,11 +250,12 @@ mod tests {
     fn sphere_errors(n: usize) -> (Real, [Real; 3], Real) {
         let surface = sample_sphere(1.0, n).unwrap();
         let (s, kernel) = (surface.spacing(), Kernel::for_spacing(surface.spacing()).unwrap());
-        let cloud = Cloud { points: surface.points(), normals: surface.normals(), kernel: &kernel, facing: None };
+        let all = [0..n as u32];
+        let cloud = Cloud { points: surface.points(), normals: surface.normals(), ranges: &all, kernel: &kernel, facing: None };
         let (mut worst, mut angle) = ([0.0 as Real; 3], 0.0 as Real);
         for x in sample_sphere(1.0, 2000).unwrap().normals() {
-            let (nearest, _) = cloud.nearest(x, &[0..n as u32]).unwrap();
-            let fit = cloud.fit(x, nearest, &[0..n as u32]).unwrap();
+            let (nearest, _) = cloud.nearest(x).unwrap();
+            let fit = cloud.fit(x, nearest).unwrap();
             for (w, e) in worst.iter_mut().zip([fit.plane, fit.hermite, fit.distance()]) {
                 *w = w.max(e.abs() / s);
             }
@@ -299,7 +287,7 @@ mod tests {
         let normals = [Vec3::z(); 3];
         let kernel = Kernel::for_spacing(1.0).unwrap();
         let run = |ranges: &[Range<u32>], facing: Option<&Vec3>| {
-            project(&Vec3::new(0.3, 0.3, 0.5), &points, &normals, ranges, &kernel, facing, 1e-12, 20)
+            project(&Vec3::new(0.3, 0.3, 0.5), &Cloud { points: &points, normals: &normals, ranges, kernel: &kernel, facing }, 1e-12, 20)
         };
         assert_eq!(run(&[], None), None);
         assert_eq!(run(&[0..2], None), None);
@@ -313,11 +301,12 @@ mod tests {
     fn a_far_position_lands_under_itself() {
         let surface = sample_sphere(1.0, 2000).unwrap();
         let (s, n) = (surface.spacing(), surface.len() as u32);
-        let kernel = Kernel::for_spacing(s).unwrap();
+        let (kernel, all) = (Kernel::for_spacing(s).unwrap(), [0..n]);
+        let cloud = Cloud { points: surface.points(), normals: surface.normals(), ranges: &all, kernel: &kernel, facing: None };
         let mut worst = [0.0 as Real; 2];
         for direction in sample_sphere(1.0, 500).unwrap().normals() {
             for (i, radius) in [0.5, 0.75, 0.9, 1.05, 1.2, 1.5].into_iter().enumerate() {
-                let p = project(&(direction * radius), surface.points(), surface.normals(), &[0..n], &kernel, None, 1e-9 * s, 30).unwrap();
+                let p = project(&(direction * radius), &cloud, 1e-9 * s, 30).unwrap();
                 let error = (p.point - direction).norm() / s;
                 worst[usize::from((2..4).contains(&i))] = worst[usize::from((2..4).contains(&i))].max(error);
             }
@@ -338,17 +327,18 @@ mod tests {
             let x = direction.component_mul(&Vec3::new(0.008, 0.010, 0.007)) + direction * (height * s);
             let kernel = Kernel::for_spacing(s).unwrap();
             let tolerance = 1e-10 * s;
-            let once = project(&x, surface.points(), surface.normals(), &[0..n / 2, n / 2..n], &kernel, None, tolerance, 30).unwrap();
+            let cloud = Cloud { points: surface.points(), normals: surface.normals(), ranges: &[0..n], kernel: &kernel, facing: None };
+            let once = project(&x, &Cloud { ranges: &[0..n / 2, n / 2..n], ..cloud }, tolerance, 30).unwrap();
             prop_assert!(once.iterations < 30);
-            let again = project(&once.point, surface.points(), surface.normals(), &[0..n], &kernel, None, tolerance, 30).unwrap();
+            let again = project(&once.point, &cloud, tolerance, 30).unwrap();
             prop_assert!((again.point - once.point).norm() < 10.0 * tolerance, "moved by {:e} m", (again.point - once.point).norm());
-            let (value, _) = evaluate(&once.point, surface.points(), surface.normals(), &[0..n], &kernel, None).unwrap();
+            let (value, _) = evaluate(&once.point, &cloud).unwrap();
             prop_assert!(value.abs() < 10.0 * tolerance);
 
             let (turn, shift) = (UnitQuaternion::from_scaled_axis(Vec3::from(turn)), Vec3::from(shift));
             let points: Vec<Vec3> = surface.points().iter().map(|p| turn * p + shift).collect();
             let normals: Vec<Vec3> = surface.normals().iter().map(|m| turn * m).collect();
-            let turned = project(&(turn * x + shift), &points, &normals, &[0..n], &kernel, None, tolerance, 30).unwrap();
+            let turned = project(&(turn * x + shift), &Cloud { points: &points, normals: &normals, ..cloud }, tolerance, 30).unwrap();
             prop_assert!((turned.point - (turn * once.point + shift)).norm() < 1e-7 * s);
             prop_assert!((turned.normal - turn * once.normal).norm() < 1e-7);
         }
