@@ -339,6 +339,10 @@ class Body:
         ``position`` (3,) m, ``quaternion`` (4,) (w, x, y, z), unchanged if left out.
         Raises ``InvalidHandleError`` for a body that is not fixed.
         """
+    def set_pose(self, position: npt.ArrayLike, quaternion: npt.ArrayLike | None = None) -> None:
+        """Put the body elsewhere at once, without friction on the way: ``position`` (3,) m, ``quaternion`` (4,), unchanged if left out. A free body
+        keeps its velocities, a fixed one is at rest.
+        """
     def set_drive(
         self,
         position: npt.ArrayLike,
@@ -429,6 +433,20 @@ class Hand:
         """As near as the finger comes to a goal of ``inverse_kinematics``, within the joint limits: joint positions (joints,) rad, and by how much
         the pad's apex misses ``position``, m. For a goal that moves from step to step: a few steps from ``start`` (joints,) rad, by default the
         joint targets, and no search elsewhere. ``angle_weight`` m/rad says how much a wrong direction counts against a wrong place.
+        """
+    def reach_all(
+        self,
+        positions: npt.ArrayLike,
+        normals: npt.ArrayLike,
+        start: npt.ArrayLike,
+        *,
+        angle_weight: float = 0.005,
+        iterations: int = 20,
+        step_tolerance: float = 1e-12,
+    ) -> tuple[FloatArray, FloatArray]:
+        """``reach`` for all fingers at once: ``positions`` (fingers, 3) m and ``normals`` (fingers, 3), hand frame, ``start`` (fingers, joints) rad.
+        Joint positions (fingers, joints) rad, and by how much they miss (fingers,) m. A search ends when no joint moves by more than
+        ``step_tolerance`` (rad) any more.
         """
     def deformed_points(self, finger: int) -> FloatArray:
         """Points of the fingertip as deformed now, (n, 3) m, world."""
@@ -936,8 +954,8 @@ class Replay:
     def wait(self, timeout: float) -> bool:
         """Wait for the end, at most ``timeout`` s; the GIL is released. Whether it has ended."""
     def state(self) -> dict[str, Any]:
-        """``sent, rounds, greetings, targets, displaced`` (greeters that had to make room: 16 are served), ``refused, latest`` (s behind the schedule at
-        worst) and ``done``.
+        """``sent, rounds, greetings, targets, displaced`` (greeters that had to make room: 16 are served), ``expired`` (that did not greet again for an
+        hour), ``refused, latest`` (s behind the schedule at worst) and ``done``.
         """
     def stop(self) -> None:
         """Stop."""
@@ -1071,6 +1089,8 @@ class HandTargets:
     @property
     def states(self) -> list[Literal["absent", "live", "held", "fading", "lost"]]:
         """One for each row."""
+    def pad_places(self) -> tuple[FloatArray, FloatArray]:
+        """Apex of every tracked pad's skin, (6, 3) m, and the direction that it faces, (6, 3), world; NaN where never seen."""
     @property
     def delay(self) -> float:
         """How far in the past the hand is shown, s."""

@@ -9,14 +9,14 @@ import pytest
 from hand_frames import START, copied
 
 from quasirigid import HandModel, World, mocap
-from quasirigid.errors import InvalidValueError
+from quasirigid.errors import InvalidShapeError, InvalidValueError
 from quasirigid.grasp import GRAVITY, Stage
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap.coupling import PAD_MASS, Coupling, TipCoupling
 from quasirigid.mocap.hand_coupling import HandCoupling
 from quasirigid.mocap.springs import Offset
-from quasirigid.mocap.turns import product, rotation_vector
-from quasirigid.summary import FloatArray, conjugate, rotate
+from quasirigid.mocap.turns import rotation_vector
+from quasirigid.summary import FloatArray, conjugate, quaternion_product, rotate
 
 FROM, TO = 1.6, 5.9
 """The part of the take that closes, lifts by 10 cm and turns, s."""
@@ -132,7 +132,7 @@ def pulls(coupling: TipCoupling, aims: tuple[FloatArray, FloatArray]) -> tuple[F
     """Stretches of the springs now, (n, 3) m and rad."""
     linear = aims[0] - np.array([pad.position for pad in coupling.pads])
     turns = zip(aims[1], coupling.pads, strict=True)
-    return linear, np.array([rotation_vector(product(turn, conjugate(pad.quaternion))) for turn, pad in turns])
+    return linear, np.array([rotation_vector(quaternion_product(turn, conjugate(pad.quaternion))) for turn, pad in turns])
 
 
 def hand_work(
@@ -147,7 +147,7 @@ def hand_work(
     v = targets.linear_velocities[rows] + np.cross(omega, arms[rows])
     slip = v - np.array([pad.linear_velocity for pad in coupling.pads])
     twist = omega - np.array([pad.angular_velocity for pad in coupling.pads])
-    turned = np.array([rotation_vector(product(b, conjugate(a))) for a, b in zip(before[1], aims[1], strict=True)])
+    turned = np.array([rotation_vector(quaternion_product(b, conjugate(a))) for a, b in zip(before[1], aims[1], strict=True)])
     springs = k * np.sum(linear * (aims[0] - before[0])) + kr * np.sum(angular * turned)
     return float(springs + d * DT * np.sum(slip * v) + dr * DT * np.sum(twist * omega))
 
@@ -195,6 +195,20 @@ def test_a_finger_comes_as_near_as_it_can() -> None:
     model = HandModel.three_finger()
     assert 0.5 < miss < 1.0, "a metre is out of reach"
     assert np.all((model.lower_limits[0] - 1e-12 <= far) & (far <= model.upper_limits[0] + 1e-12))
+    starts = np.tile(exact, (3, 1))
+    goals = np.array([start, start + [0.06, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    ways = np.array([normal, -normal, normal])
+    together, errors = hand.reach_all(goals, ways, starts)
+    for finger in range(3):
+        alone, error = hand.reach(finger, goals[finger], ways[finger], start=starts[finger])
+        assert np.array_equal(together[finger], alone)
+        assert errors[finger] == error
+    ends = [hand.reach_all(goals, ways, starts, iterations=500, step_tolerance=tolerance)[0] for tolerance in (1e-8, 1e-12)]
+    assert np.abs(ends[0] - ends[1]).max() < 1e-6, "where joints move no more, the search is at its end"
+    with pytest.raises(InvalidShapeError, match="start"):
+        hand.reach_all(goals, ways, exact)
+    with pytest.raises(InvalidValueError, match="step tolerance"):
+        hand.reach_all(goals, ways, starts, step_tolerance=-1.0)
     with pytest.raises(InvalidValueError):
         hand.reach(0, [np.nan, 0.0, 0.0], normal)
     with pytest.raises(InvalidValueError, match="iterations: expected a whole number"):

@@ -6,11 +6,13 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from browser import wait_until
+from hand_frames import part
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from xr_hand import hand
@@ -242,7 +244,7 @@ def test_a_state_is_small_and_what_it_shows_is_where_it_is() -> None:
     assert 0.0 < seen.error <= max(SEEN, 0.5 * 3e-3 / LEVELS), f"{1e6 * seen.error:.1f} um"
 
 
-def test_an_object_that_yields_visibly_is_sent_again_with_all_of_its_points() -> None:
+def test_an_object_that_yields_visibly_is_sent_again_with_all_of_its_points(tmp_path: Path) -> None:
     class Watching(Weighing):
         grown = 0
 
@@ -255,7 +257,7 @@ def test_an_object_that_yields_visibly_is_sent_again_with_all_of_its_points() ->
 
     seen = Watching()
     options = GraspOptions(dt=0.004, points=6_000, material="silicone")
-    session = MocapSession(options, MocapOptions(idle=0.3), TakeSource(shipped_take()), seen)
+    session = MocapSession(options, MocapOptions(idle=0.3), TakeSource(part(tmp_path, until=3.0)), seen)
     assert session.wait_for_hand()
     session.run()
     assert seen.grown == 1

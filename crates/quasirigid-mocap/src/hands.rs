@@ -178,7 +178,7 @@ impl FingertipIds {
         let (mut first, mut hands) = (0, 0);
         for packet in packets {
             let seen = packet.bodies.iter().flatten().map(|body| body.id + 1);
-            first = seen.chain(packet.calibrated_bodies).fold(first, u32::max);
+            first = seen.chain(packet.standard_bodies()).fold(first, u32::max);
             let seen = packet.hands.iter().flatten().map(|hand| hand.id + 1);
             hands = seen.chain(packet.calibrated_hands).fold(hands, u32::max);
         }
@@ -198,7 +198,8 @@ impl FingertipIds {
 
 /// Each tracked fingertip of every hand as a body of `6d`, added to a packet; for systems that have bodies on the fingers.
 pub fn add_fingertips_as_bodies(packet: &mut Packet, ids: &FingertipIds) {
-    packet.calibrated_bodies = Some(ids.first + 5 * ids.hands);
+    // A reader takes the old Flysticks and tools off this number before it counts bodies.
+    packet.calibrated_bodies = Some(ids.first + 5 * ids.hands + packet.old_devices());
     let Some(hands) = packet.hands.take() else { return };
     let bodies = packet.bodies.get_or_insert_default();
     for hand in &hands {
@@ -309,6 +310,17 @@ mod tests {
             packet.bodies.iter().flatten().map(|body| body.id).collect::<Vec<_>>()
         });
         assert_eq!(found, [vec![3, 4, 5, 6, 9, 10, 11], vec![9, 10, 11], vec![]]);
+        // An old Flystick is among those that `6dcal` counts, and has no id of `6d`.
+        let flystick = crate::dtrack::OldDevice { id: 0, quality: 1.0, buttons: 0, placement: tip };
+        let mut packet = Packet {
+            calibrated_bodies: Some(3),
+            old_flysticks: Some(vec![flystick]),
+            hands: Some(vec![left.clone()]),
+            ..Packet::default()
+        };
+        let ids = FingertipIds::of([&packet]).unwrap();
+        add_fingertips_as_bodies(&mut packet, &ids);
+        assert_eq!((ids.id(0, Finger::Thumb), packet.standard_bodies(), packet.calibrated_bodies), (2, Some(7), Some(8)));
         let many = Packet { hands: Some(vec![Hand { id: 9999, ..left }]), ..Packet::default() };
         assert!(FingertipIds::of([&many]).unwrap_err().to_string().contains("9999"));
     }

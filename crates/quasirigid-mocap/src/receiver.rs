@@ -19,6 +19,8 @@ const WAITING: usize = 512;
 const PATIENCE: Duration = Duration::from_millis(20);
 /// Silence after which a controller is greeted again.
 const GREET_AGAIN: Duration = Duration::from_secs(2);
+/// And while its stream comes: so that firewalls, and emulators, remember who listens.
+const GREET_ANYWAY: Duration = Duration::from_secs(60);
 /// What the socket may hold back while the thread is not running, bytes: a second of the largest packets at 30 Hz.
 const SOCKET_BUFFER: usize = 1 << 20;
 /// So many failures in a row are no accident.
@@ -232,14 +234,14 @@ fn listen(socket: &UdpSocket, shared: &Shared, endpoint: Endpoint, options: &Rec
         Endpoint::Controller { host, greet: true, .. } => Some(SocketAddrV4::new(host, options.controller_port)),
         _ => None,
     };
-    let (mut last_word, mut failures) = (None::<Instant>, 0);
+    let (mut last_word, mut last_greeting, mut failures) = (None::<Instant>, None::<Instant>, 0);
     while !shared.stop.load(Ordering::Relaxed) {
         if let Some(controller) = greeted
-            && last_word.is_none_or(|at| at.elapsed() > GREET_AGAIN)
+            && (last_word.is_none_or(|at| at.elapsed() > GREET_AGAIN) || last_greeting.is_none_or(|at| at.elapsed() > GREET_ANYWAY))
         {
             // Nobody there yet is no error: the controller may come later.
             let _ = socket.send_to(GREETING, controller);
-            last_word = Some(Instant::now());
+            (last_word, last_greeting) = (Some(Instant::now()), Some(Instant::now()));
         }
         match socket.recv_from(&mut buffer) {
             Ok((length, from)) => {

@@ -5,6 +5,7 @@ use crate::endpoint::CONTROLLER_PORT;
 use crate::error::{Error, Result, check_within};
 use crate::hands::{FingertipIds, add_fingertips_as_bodies};
 use crate::take::Take;
+use std::cell::RefCell;
 use std::io::ErrorKind;
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -34,13 +35,24 @@ pub struct ReplayOptions {
     pub bind: Option<Ipv4Addr>,
     /// Send to whoever greets, too.
     pub serve_greeters: bool,
+    /// How long one that greeted is served without greeting again. Nobody says goodbye, so this ends the stream to who has gone. Our receivers greet every
+    /// minute, others perhaps once for a measurement: an hour by default.
+    pub greeter_stays: Duration,
     /// Send each tracked fingertip as a body of `6d` as well.
     pub bodies: bool,
 }
 
 impl Default for ReplayOptions {
     fn default() -> Self {
-        Self { speed: 1.0, rounds: 1, source_port: CONTROLLER_PORT, bind: None, serve_greeters: true, bodies: false }
+        Self {
+            speed: 1.0,
+            rounds: 1,
+            source_port: CONTROLLER_PORT,
+            bind: None,
+            serve_greeters: true,
+            greeter_stays: Duration::from_secs(3600),
+            bodies: false,
+        }
     }
 }
 
@@ -57,6 +69,8 @@ pub struct ReplayState {
     pub targets: Vec<SocketAddr>,
     /// Those that greeted and had to make room for others.
     pub displaced: u64,
+    /// Those that greeted and did not do so again in time.
+    pub expired: u64,
     /// Sendings that the system refused.
     pub refused: u64,
     /// Farthest behind the schedule, s.
@@ -111,7 +125,8 @@ impl Replay {
         let shared = Arc::new(Shared { state: Mutex::new(state), stop: AtomicBool::new(false) });
         let (for_thread, options, named) = (Arc::clone(&shared), options.clone(), targets.len());
         let run = move || {
-            script.play(&Sender { socket, shared: &for_thread, named, serve: options.serve_greeters }, &options);
+            let (serve, stays, heard) = (options.serve_greeters, options.greeter_stays, RefCell::default());
+            script.play(&Sender { socket, shared: &for_thread, named, serve, stays, heard }, &options);
             for_thread.lock().done = true;
         };
         let thread = std::thread::Builder::new().name("quasirigid-replay".into()).spawn(run).map_err(refuse)?;
@@ -297,6 +312,9 @@ struct Sender<'a> {
     /// So many targets were named; those behind them greeted.
     named: usize,
     serve: bool,
+    stays: Duration,
+    /// When those that greeted did so last, the latest last, as in the list of targets.
+    heard: RefCell<Vec<Instant>>,
 }
 
 impl Sender<'_> {
@@ -309,6 +327,7 @@ impl Sender<'_> {
             let Ok((_, from)) = self.socket.recv_from(&mut buffer) else { break };
             self.greeted(from);
         }
+        self.let_go();
         if !time.is_zero() {
             std::thread::sleep(time);
         }
@@ -322,13 +341,29 @@ impl Sender<'_> {
         if !self.serve || state.targets[..self.named].contains(&from) {
             return;
         }
+        let mut heard = self.heard.borrow_mut();
         if let Some(again) = state.targets.iter().position(|target| *target == from) {
             state.targets.remove(again);
-        } else if state.targets.len() == self.named + MOST_GREETERS {
+            heard.remove(again - self.named);
+        } else if heard.len() == MOST_GREETERS {
             state.targets.remove(self.named);
+            heard.remove(0);
             state.displaced += 1;
         }
         state.targets.push(from);
+        heard.push(Instant::now());
+    }
+
+    /// Ends the stream to those that have not greeted for long.
+    fn let_go(&self) {
+        let mut heard = self.heard.borrow_mut();
+        let gone = heard.iter().take_while(|at| at.elapsed() > self.stays).count();
+        if gone > 0 {
+            heard.drain(..gone);
+            let mut state = self.shared.lock();
+            state.targets.drain(self.named..self.named + gone);
+            state.expired += gone as u64;
+        }
     }
 }
 

@@ -79,6 +79,26 @@ fn greeters_make_room_for_later_ones() {
     assert_eq!((state.targets[0], &state.targets[1..], state.displaced), (named.address(), &greeters[..], 4));
 }
 
+/// Nobody says goodbye: who does not greet again is served no longer, who does is, and who was named always.
+#[test]
+fn greeters_that_have_gone_are_let_go() {
+    let named = receiver();
+    let options = ReplayOptions { rounds: 0, greeter_stays: Duration::from_millis(400), ..options() };
+    let mut replay = Replay::start(&part(0.0, 0.5), &[named.address()], &options).unwrap();
+    let sockets: Vec<UdpSocket> = (0..2).map(|_| UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap()).collect();
+    let start = Instant::now();
+    sockets[0].send_to(b"hello", replay.address()).unwrap();
+    while replay.state().expired < 1 {
+        assert!(start.elapsed() < LIMIT, "{:?}", replay.state());
+        sockets[1].send_to(b"hello", replay.address()).unwrap();
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let state = replay.state();
+    replay.stop();
+    assert!(start.elapsed() > Duration::from_millis(400));
+    assert_eq!(state.targets, [named.address(), sockets[1].local_addr().unwrap()]);
+}
+
 #[test]
 fn a_replay_for_this_machine_is_not_open_to_others() {
     let from = |targets: &[SocketAddr], bind| {

@@ -179,6 +179,14 @@ impl Body {
         self.write(py, |body| body.move_to(pose))
     }
 
+    #[doc = doc!("Body.set_pose")]
+    #[pyo3(signature = (position, quaternion = None))]
+    fn set_pose(&self, py: Python<'_>, position: &Bound<'_, PyAny>, quaternion: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let current = self.read(py, |body| body.pose().rotation)?;
+        let pose = conv::pose(position, quaternion, &current)?;
+        self.write(py, |body| body.set_pose(pose))
+    }
+
     #[doc = doc!("Body.set_drive")]
     #[allow(clippy::too_many_arguments)] // keyword arguments
     #[pyo3(signature = (position, quaternion = None, *, stiffness, damping, linear_velocity = None, angular_velocity = None),

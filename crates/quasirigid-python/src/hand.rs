@@ -9,7 +9,7 @@ use crate::surface::Surface;
 use crate::world::World;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
-use quasirigid::body::inverse_kinematics::{IkOptions, TipGoal, inverse_kinematics};
+use quasirigid::body::inverse_kinematics::{IkOptions, IkSolution, TipGoal, inverse_kinematics};
 use quasirigid::body::{BodyEntry, Finger};
 use quasirigid::grip::PadPath;
 use quasirigid::math::{Pose, Real, Vec3};
@@ -20,6 +20,9 @@ const MOST_ITERATIONS: i64 = 100_000;
 
 /// Positions (fingers, 3) and quaternions (fingers, 4).
 type Poses<'py> = (Bound<'py, PyArray2<Real>>, Bound<'py, PyArray2<Real>>);
+
+/// Joint positions (fingers, joints), and by how much they miss (fingers,).
+type Postures<'py> = (Bound<'py, PyArray2<Real>>, Bound<'py, PyArray1<Real>>);
 
 #[doc = doc!("Hand")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
@@ -66,6 +69,19 @@ impl Hand {
             world.finger_mut(self.handle, finger).and_then(|f| set(f, row)).or_raise(py)?;
         }
         Ok(())
+    }
+
+    /// As near as a finger comes to its goal from `start`.
+    fn nearest(
+        &self,
+        world: &quasirigid::World,
+        hand: &quasirigid::world::Hand,
+        finger: usize,
+        goal: &TipGoal,
+        start: &[Real],
+        options: &IkOptions,
+    ) -> Result<IkSolution> {
+        inverse_kinematics(world.finger(self.handle, finger)?.model(), &hand.model.tips()[finger].apex(), goal, start, options)
     }
 
     fn entry<T>(&self, py: Python<'_>, finger: conv::Whole, of: impl FnOnce(&BodyEntry) -> T) -> PyResult<T> {
@@ -234,12 +250,45 @@ impl Hand {
         let max_iterations = conv::within(py, "iterations", iterations, 0, MOST_ITERATIONS)? as usize;
         let options = IkOptions { angle_weight, max_iterations, restarts: 0, ..IkOptions::default() };
         let (joints, error) = self.read(py, |world, hand| {
-            let body = world.finger(self.handle, finger)?;
-            let start = start.as_deref().unwrap_or(body.joint_targets());
-            let found = inverse_kinematics(body.model(), &hand.model.tips()[finger].apex(), &goal, start, &options)?;
-            Ok((found.positions[..body.model().dof()].to_vec(), found.position_error))
+            let start = start.as_deref().map_or_else(|| world.finger(self.handle, finger).map(Finger::joint_targets), Ok)?;
+            let found = self.nearest(world, hand, finger, &goal, start, &options)?;
+            Ok((found.positions[..start.len()].to_vec(), found.position_error))
         })?;
         Ok((conv::from_vec(py, joints), error))
+    }
+
+    #[doc = doc!("Hand.reach_all")]
+    #[pyo3(signature = (positions, normals, start, *, angle_weight = 0.005, iterations = 20.into(), step_tolerance = 1e-12),
+           text_signature = "($self, positions, normals, start, *, angle_weight=0.005, iterations=20, step_tolerance=1e-12)")]
+    #[allow(clippy::too_many_arguments)] // keyword arguments
+    fn reach_all<'py>(
+        &self,
+        py: Python<'py>,
+        positions: &Bound<'_, PyAny>,
+        normals: &Bound<'_, PyAny>,
+        start: &Bound<'_, PyAny>,
+        angle_weight: Real,
+        iterations: conv::Whole,
+        step_tolerance: Real,
+    ) -> PyResult<Postures<'py>> {
+        let (fingers, joints) = self.read(py, |_, hand| Ok((hand.fingers.len(), hand.model.fingers()[0].dof())))?;
+        let positions = conv::table(positions, "positions", fingers, 3)?;
+        let normals = conv::table(normals, "normals", fingers, 3)?;
+        let start = conv::table(start, "start", fingers, joints)?;
+        let max_iterations = conv::within(py, "iterations", iterations, 0, MOST_ITERATIONS)? as usize;
+        let options = IkOptions { angle_weight, step_tolerance, max_iterations, restarts: 0, ..IkOptions::default() };
+        let (mut found, mut errors) = (Vec::with_capacity(fingers * joints), Vec::with_capacity(fingers));
+        self.read(py, |world, hand| {
+            for (finger, start) in start.chunks_exact(joints).enumerate() {
+                let row = 3 * finger..3 * finger + 3;
+                let goal = TipGoal::facing(Vec3::from_column_slice(&positions[row.clone()]), Vec3::from_column_slice(&normals[row]))?;
+                let nearest = self.nearest(world, hand, finger, &goal, start, &options)?;
+                found.extend_from_slice(&nearest.positions[..joints]);
+                errors.push(nearest.position_error);
+            }
+            Ok(())
+        })?;
+        Ok((conv::rows(py, found, joints)?, conv::from_vec(py, errors)))
     }
 
     #[doc = doc!("Hand.deformed_points")]

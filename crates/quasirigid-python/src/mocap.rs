@@ -73,7 +73,7 @@ pub(crate) fn pair(address: SocketAddr) -> (String, u16) {
 pub struct Packet {
     pub(crate) packet: mocap::dtrack::Packet,
     pub(crate) arrival: f64,
-    bytes: Vec<u8>,
+    pub(crate) bytes: Vec<u8>,
     from: Option<SocketAddr>,
     order: Option<Order>,
 }
@@ -94,7 +94,7 @@ impl Packet {
     }
 }
 
-pub(crate) fn parse(py: Python<'_>, bytes: &[u8]) -> PyResult<mocap::dtrack::Packet> {
+fn parse(py: Python<'_>, bytes: &[u8]) -> PyResult<mocap::dtrack::Packet> {
     mocap::dtrack::Packet::parse(bytes).map_err(|error| {
         let why = error.to_string();
         crate::errors::make(py, "PacketError", ["packet", "a DTrack packet", &why, "see docs/mocap.md for the format"])

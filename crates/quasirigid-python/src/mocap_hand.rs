@@ -15,6 +15,9 @@ use std::sync::Mutex;
 const PARTS: usize = 6;
 const PALM: usize = 5;
 
+/// Places (6, 3) and directions (6, 3).
+type Places<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
+
 pub fn named_side(py: Python<'_>, name: &str) -> PyResult<Side> {
     match name {
         "left" => Ok(Side::Left),
@@ -408,6 +411,23 @@ impl HandTargets {
             TargetState::Lost => "lost",
         };
         self.parts().iter().map(|part| part.map_or("absent", |t| name(t.state))).collect()
+    }
+
+    #[doc = doc!("HandTargets.pad_places")]
+    fn pad_places<'py>(&self, py: Python<'py>) -> PyResult<Places<'py>> {
+        let (mut apexes, mut ways) = (Vec::with_capacity(3 * PARTS), Vec::with_capacity(3 * PARTS));
+        for part in self.parts() {
+            let (apex, way) = part.map_or(([f64::NAN; 3], [f64::NAN; 3]), |target| {
+                // The pad faces -z of the tip frame: minus the third column of its rotation matrix.
+                let q = target.pose.rotation;
+                let (w, x, y, z) = (q.w, q.i, q.j, q.k);
+                let way = mocap::Vec3::new(-2.0 * (x * z + w * y), -2.0 * (y * z - w * x), 2.0 * (x * x + y * y) - 1.0);
+                ((target.pose.translation.vector + way * target.pad_radius).into(), way.into())
+            });
+            apexes.extend_from_slice(&apex);
+            ways.extend_from_slice(&way);
+        }
+        Ok((conv::rows(py, apexes, 3)?, conv::rows(py, ways, 3)?))
     }
 
     #[doc = doc!("HandTargets.delay")]

@@ -1,10 +1,11 @@
 //! `Take`, `TakeWriter` and `Replay`: packets of a tracker in files, and on their way again.
 
 use crate::conv;
-use crate::mocap::{OrRaiseMocap, Packet, address, duration, figures, lock, pair, parse, raise, read, read_detached};
+use crate::mocap::{OrRaiseMocap, Packet, address, duration, figures, lock, pair, raise, read, read_detached};
 use crate::mocap_hand::{HandDecoder, HandFrame, named_side};
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
 use pyo3::types::PyDict;
 use quasirigid_mocap as mocap;
 use std::net::SocketAddr;
@@ -16,6 +17,19 @@ use std::time::Duration;
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct Take {
     take: mocap::Take,
+    /// Its packets as Python has them, read when they are first asked for.
+    packets: PyOnceLock<Vec<Py<Packet>>>,
+}
+
+impl Take {
+    fn new(take: mocap::Take) -> Self {
+        Self { take, packets: PyOnceLock::new() }
+    }
+
+    fn taken(&self, py: Python<'_>) -> PyResult<&[Py<Packet>]> {
+        let taken = || self.take.packets.iter().map(|taken| Py::new(py, Packet::taken(py, taken)?)).collect();
+        self.packets.get_or_try_init(py, taken).map(Vec::as_slice)
+    }
 }
 
 #[pymethods]
@@ -23,7 +37,7 @@ impl Take {
     #[doc = doc!("Take.read")]
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        py.detach(|| mocap::Take::read(&path)).or_raise(py).map(|take| Self { take })
+        py.detach(|| mocap::Take::read(&path)).or_raise(py).map(Self::new)
     }
 
     #[doc = doc!("Take.pinch")]
@@ -33,7 +47,7 @@ impl Take {
     fn pinch(py: Python<'_>, seed: conv::Whole, rate: f64, noise: f64, tremor: f64, side: &str) -> PyResult<Self> {
         let seed = conv::within(py, "seed", seed, 0, i64::MAX)? as u64;
         let options = mocap::synthetic::PinchOptions { seed, rate, noise, tremor, side: named_side(py, side)? };
-        mocap::synthetic::pinch_take(&options).or_raise(py).map(|take| Self { take })
+        mocap::synthetic::pinch_take(&options).or_raise(py).map(Self::new)
     }
 
     #[doc = doc!("Take.write")]
@@ -42,8 +56,8 @@ impl Take {
     }
 
     #[getter]
-    fn packets(&self, py: Python<'_>) -> PyResult<Vec<Packet>> {
-        self.take.packets.iter().map(|taken| Packet::taken(py, taken)).collect()
+    fn packets(&self, py: Python<'_>) -> PyResult<Vec<Py<Packet>>> {
+        Ok(self.taken(py)?.iter().map(|packet| packet.clone_ref(py)).collect())
     }
 
     #[doc = doc!("Take.arrivals")]
@@ -73,10 +87,11 @@ impl Take {
     #[doc = doc!("Take.statistics")]
     fn statistics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let mut meter = mocap::statistics::StreamMeter::default();
-        for taken in &self.take.packets {
+        for taken in self.taken(py)? {
+            let taken = taken.get();
             meter.counts().datagrams += 1;
             meter.counts().bytes += taken.bytes.len() as u64;
-            meter.add(&parse(py, &taken.bytes)?, taken.arrival);
+            meter.add(&taken.packet, taken.arrival);
         }
         figures(py, &meter.figures(self.take.packets.last().map_or(0.0, |last| last.arrival)))
     }
@@ -84,8 +99,8 @@ impl Take {
     #[doc = doc!("Take.frames")]
     fn frames(&self, py: Python<'_>, decoder: &HandDecoder) -> PyResult<Vec<HandFrame>> {
         let mut frames = Vec::new();
-        for packet in self.packets(py)? {
-            frames.extend(decoder.decode(py, &packet));
+        for packet in self.taken(py)? {
+            frames.extend(decoder.decode(py, packet.get()));
         }
         Ok(frames)
     }
@@ -178,7 +193,7 @@ impl Replay {
     ) -> PyResult<Self> {
         let rounds = conv::within(py, "rounds", rounds, 0, i64::from(u32::MAX))? as u32;
         let (source_port, bind) = (conv::port(py, "source_port", source_port, 0)?, bind.map(|text| address(py, "bind", text)).transpose()?);
-        let options = mocap::ReplayOptions { speed, rounds, source_port, bind, serve_greeters, bodies };
+        let options = mocap::ReplayOptions { speed, rounds, source_port, bind, serve_greeters, bodies, ..Default::default() };
         let start = || {
             let targets =
                 targets.iter().map(|text| mocap::endpoint::target(text).map(SocketAddr::V4)).collect::<mocap::Result<Vec<_>>>()?;
@@ -219,6 +234,7 @@ impl Replay {
         dict.set_item("greetings", s.greetings)?;
         dict.set_item("targets", s.targets.iter().copied().map(pair).collect::<Vec<_>>())?;
         dict.set_item("displaced", s.displaced)?;
+        dict.set_item("expired", s.expired)?;
         dict.set_item("refused", s.refused)?;
         dict.set_item("latest", s.latest)?;
         dict.set_item("done", s.done)?;

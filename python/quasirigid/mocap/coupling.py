@@ -9,6 +9,7 @@ Both are taken implicitly by the step (``Body.set_drive`` and the joint controll
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Protocol
 
 import numpy as np
@@ -18,8 +19,8 @@ from quasirigid._quasirigid import Body, Hand, HandModel, HandTargets, MassPrope
 from quasirigid.errors import InvalidValueError
 from quasirigid.mocap import PARTS
 from quasirigid.mocap.springs import FASTEST, Offset, Springs
-from quasirigid.mocap.turns import cross, minus_z, product, quaternion, rotation_vector
-from quasirigid.summary import conjugate
+from quasirigid.mocap.turns import cross, minus_z, quaternion, rotation_vector
+from quasirigid.summary import conjugate, quaternion_product
 
 FloatArray = npt.NDArray[np.float64]
 PALM = PARTS.index("palm")
@@ -27,6 +28,10 @@ PAD_POINTS, PAD_CONTROL_POINTS = 1200, 160
 """Of a fingertip's surface: half of those of `quasirigid grasp`, so that a step is done in time."""
 PAD_MASS = 0.02
 """Of a pad that is a body of its own, kg: a fingertip's."""
+ASIDE = (0.0, 0.0, -2.0)
+"""Where a pad waits whose finger was not seen yet, m, world: out of the way of everything."""
+APART = 0.1
+"""Between two that wait, m."""
 PAD_DRAG = (0.05, 1e-5)
 """Viscosity that brings a pad to rest which no tracker holds, N s/m and N m s/rad."""
 
@@ -38,6 +43,8 @@ class Coupling(Protocol):
     """Names of the simulated fingers."""
     rows: tuple[int, ...]
     """The row of ``HandTargets`` that each of them follows."""
+    waiting: frozenset[int]
+    """Those of these rows that were not seen yet: their pads are not there yet."""
 
     @property
     def pads(self) -> list[Body]:
@@ -49,31 +56,30 @@ class Coupling(Protocol):
 
     @property
     def ends(self) -> FloatArray:
-        """(fingers, 3) m, world: apex of each simulated pad's skin, which is drawn to ``pad_places``."""
+        """(fingers, 3) m, world: apex of each simulated pad's skin, which is drawn to ``HandTargets.pad_places``."""
 
     def follow(self, targets: HandTargets, rate: float = 1.0) -> None:
         """Aim at these targets in the next step. ``rate``: how much faster than simulated time the hand is shown."""
 
 
-def pad_places(targets: HandTargets) -> tuple[FloatArray, FloatArray]:
-    """Apex of every tracked pad's skin, (6, 3) m, and the direction that it faces, (6, 3), world; NaN where never seen."""
-    facing = minus_z(targets.quaternions)
-    return targets.positions + targets.pad_radii[:, None] * facing, facing
-
-
 class TipCoupling:
     """Pads that are free bodies on springs to the tracked tips. They weigh nothing for the person: their weight is taken off."""
 
-    def __init__(self, world: World, targets: HandTargets, pad: Material, springs: Springs | None = None) -> None:
-        """Add a pad of the material ``pad`` to ``world`` for every finger of ``targets`` that was not lost, where it is now.
+    def __init__(
+        self, world: World, targets: HandTargets, pad: Material, springs: Springs | None = None, expected: Collection[int] = ()
+    ) -> None:
+        """Add a pad of the material ``pad`` to ``world`` for every finger of ``targets`` that was not lost, where it is now. Pads of the rows
+        ``expected`` that are not seen wait aside, until they are.
 
-        Raises ``InvalidValueError`` if there is none.
+        Raises ``InvalidValueError`` if no finger is seen.
         """
         self.springs = springs or Springs()
         self.springs.check()
-        self.rows = tuple(row for row in range(PALM) if targets.states[row] not in ("absent", "lost"))
-        if not self.rows:
+        seen = [row for row in range(PALM) if targets.states[row] not in ("absent", "lost")]
+        if not seen:
             raise InvalidValueError("targets", "at least one finger that was seen", "none", "wait until the tracker sees a finger")
+        self.rows = tuple(sorted({*seen, *expected}))
+        self.waiting = frozenset(self.rows) - set(seen)
         self.fingers = tuple(PARTS[row] for row in self.rows)
         self._dt = world.dt
         semi = HandModel.three_finger().pad_semi_axes
@@ -83,6 +89,8 @@ class TipCoupling:
             MassProperties.box(2.0 * semi, mass=PAD_MASS),
         )
         places, turns, _ = self._pads(targets)
+        for row in self.waiting:
+            places[row], turns[row] = ASIDE + row * np.array([APART, 0.0, 0.0]), (1.0, 0.0, 0.0, 0.0)
         self._bodies = [
             world.add_body(surface, pad, mass=mass, position=places[row], quaternion=turns[row], name=PARTS[row], viscosity=PAD_DRAG)
             for row in self.rows
@@ -90,6 +98,8 @@ class TipCoupling:
         for body in self._bodies:
             body.apply_wrench(-PAD_MASS * world.gravity)
         self._offsets = [Offset((3, FASTEST[0]), (3, FASTEST[1])) for _ in self.rows]
+        for row in self.waiting:
+            self._offsets[self.rows.index(row)].weight = 0.0
 
     @property
     def pads(self) -> list[Body]:
@@ -109,7 +119,7 @@ class TipCoupling:
 
     def _pads(self, targets: HandTargets) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Places (6, 3) m and quaternions (6, 4) of the pads' frames (x along the finger, z out of the pad), and lever arms from the tips (6, 3) m."""
-        apex, facing = pad_places(targets)
+        apex, facing = targets.pad_places()
         places = apex - self._depth * facing
         w, x, y, z = targets.quaternions.T  # times half a turn about x
         return places, np.array([-x, w, z, -y]).T, places - targets.positions
@@ -124,13 +134,18 @@ class TipCoupling:
         for body, row, offset in zip(self._bodies, self.rows, self._offsets, strict=True):
             weight = float(weights[row])
             place, turn, v, omega = places[row], turns[row], speed[row], spin[row]
+            if row in self.waiting:
+                if weight == 0.0:
+                    continue
+                body.set_pose(place, turn)
+                self.waiting -= {row}
             stretch = None
             if weight > offset.weight:
-                stretch = np.concatenate([place - body.position, rotation_vector(product(turn, conjugate(body.quaternion)))])
+                stretch = np.concatenate([place - body.position, rotation_vector(quaternion_product(turn, conjugate(body.quaternion)))])
             offset.update(weight, stretch, self._dt)
             if not offset.zero:
                 place, v = place + offset.value[:3], v + offset.velocity[:3]
-                turn, omega = product(quaternion(offset.value[3:]), turn), omega + offset.velocity[3:]
+                turn, omega = quaternion_product(quaternion(offset.value[3:]), turn), omega + offset.velocity[3:]
             body.set_drive(
                 place,
                 turn,

@@ -7,16 +7,18 @@ import numpy.typing as npt
 
 from quasirigid._quasirigid import Body, Hand, HandModel, HandTargets, Material, World
 from quasirigid.errors import InvalidValueError
-from quasirigid.mocap.coupling import PAD_CONTROL_POINTS, PAD_POINTS, PALM, pad_places
+from quasirigid.mocap.coupling import PAD_CONTROL_POINTS, PAD_POINTS, PALM
 from quasirigid.mocap.springs import FASTEST, OFFSET_GONE, Offset, fading
-from quasirigid.mocap.turns import matrix, product, quaternion, rotation_vector
-from quasirigid.summary import conjugate
+from quasirigid.mocap.turns import matrix, quaternion, rotation_vector
+from quasirigid.summary import conjugate, quaternion_product
 
 FloatArray = npt.NDArray[np.float64]
 BASE_IN_PALM = (0.014, -0.012, 0.018)
 """Origin of the three-finger hand in the palm frame of a right hand, m: between the fingers, over the knuckles; axes as the palm's."""
 ITERATIONS, SEARCH = 12, 200
 """Of inverse kinematics from the posture of the step before, and from a half-closed finger."""
+SETTLED = 1e-8
+"""Inverse kinematics ends when no joint moves by more than this, rad: a nanometre at the tip."""
 JOINT_FASTEST = 8.0
 """With which joint targets move at most, rad/s in all joints of a finger together: where inverse kinematics finds another posture, it is not jumped to."""
 
@@ -36,7 +38,7 @@ class Base:
         """Go on for ``dt`` s; it should be at ``place`` and ``turn``, of which ``weight`` is to be believed."""
         if weight > 0.0:
             if self._weight == 0.0:
-                self._away = np.concatenate([self.place - place, rotation_vector(product(self.turn, conjugate(turn)))])
+                self._away = np.concatenate([self.place - place, rotation_vector(quaternion_product(self.turn, conjugate(turn)))])
                 self._there = False
             elif not self._there:
                 self._away[:3] += dt * fading(self._away[:3], FASTEST[0])
@@ -44,7 +46,7 @@ class Base:
                 self._there = bool(np.abs(self._away).max() < OFFSET_GONE)
             self.place, self.turn = place, turn
             if not self._there:
-                self.place, self.turn = place + self._away[:3], product(quaternion(self._away[3:]), turn)
+                self.place, self.turn = place + self._away[:3], quaternion_product(quaternion(self._away[3:]), turn)
         self._weight = weight
 
 
@@ -53,6 +55,7 @@ class HandCoupling:
 
     fingers: tuple[str, ...]
     rows: tuple[int, ...]
+    waiting: frozenset[int] = frozenset()
 
     def __init__(
         self, world: World, targets: HandTargets, pad: Material, *, side: str = "right", gains: tuple[float, float] = (1.0, 1.0)
@@ -68,6 +71,9 @@ class HandCoupling:
             raise InvalidValueError(
                 "targets", expected, "one of them was not", "wait until the tracker sees them, or couple the tips alone"
             )
+        self._rows = list(self.rows)
+        self.miss: FloatArray = np.zeros(len(self.rows))
+        """How far the fingers fall short of the tracked tips, m: beyond their reach or their joint limits."""
         self._base_in_palm = np.array(BASE_IN_PALM) * [1.0, 1.0 if side == "right" else -1.0, 1.0]
         self._dt = world.dt
         base, turn = self._wanted(targets)
@@ -108,19 +114,17 @@ class HandCoupling:
         return targets.positions[PALM] + matrix(turn) @ self._base_in_palm, turn
 
     def _reach(self, targets: HandTargets, start: FloatArray, iterations: int) -> FloatArray:
-        apex, facing = pad_places(targets)
-        rows, to_world = list(self.rows), matrix(self._base.turn)
+        apex, facing = targets.pad_places()
+        rows, to_world = self._rows, matrix(self._base.turn)
         places, ways = (apex[rows] - self._base.place) @ to_world, facing[rows] @ to_world
-        found = [self._hand.reach(f, places[f], ways[f], start=start[f], iterations=iterations) for f in range(len(rows))]
-        self.miss: FloatArray = np.array([error for _, error in found])
-        """How far the fingers fall short of the tracked tips, m: beyond their reach or their joint limits."""
-        return np.stack([joints for joints, _ in found])
+        joints, self.miss = self._hand.reach_all(places, ways, start, iterations=iterations, step_tolerance=SETTLED)
+        return joints
 
     def follow(self, targets: HandTargets, rate: float = 1.0) -> None:
         """Aim at these targets in the next step. Fingers that the tracker has lost go limp; the base stays where the palm was lost."""
         self._base.follow(*self._wanted(targets), float(targets.weights[PALM]), self._dt)
         self._hand.move_to(self._base.place, self._base.turn)
-        weights = targets.weights[list(self.rows)]
+        weights = targets.weights[self._rows]
         back = [f for f, offset in enumerate(self._offsets) if offset.weight == 0.0 < weights[f]]
         if back:
             # Seen again, perhaps far away: the posture of before may lead astray.

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from quasirigid.mocap.turns import matrix, product
-from quasirigid.summary import conjugate, pose_in, rotate
+from quasirigid.mocap.turns import matrix
+from quasirigid.summary import conjugate, pose_in, quaternion_product, rotate
 
 FloatArray = npt.NDArray[np.float64]
 LOADED = 1e-3
@@ -108,5 +108,5 @@ class Outcome:
 
 def heading(before: FloatArray, after: FloatArray) -> float:
     """Angle about the vertical by which ``after`` (4,) is turned from ``before`` (4,), rad."""
-    x = matrix(product(after, conjugate(before)))[:, 0]
+    x = matrix(quaternion_product(after, conjugate(before)))[:, 0]
     return math.atan2(float(x[1]), float(x[0]))

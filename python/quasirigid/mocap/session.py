@@ -22,7 +22,7 @@ from quasirigid.grasp import GRAVITY, Stage
 from quasirigid.grasp_columns import contact_sums
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap import PARTS
-from quasirigid.mocap.coupling import PALM, Coupling, TipCoupling, pad_places
+from quasirigid.mocap.coupling import PALM, Coupling, TipCoupling
 from quasirigid.mocap.hand_coupling import HandCoupling
 from quasirigid.mocap.look import Look, Observer, Viewer, press_and_slip
 from quasirigid.mocap.losses import Losses
@@ -136,16 +136,18 @@ class MocapSession:
             self.source.wait_until(now + 0.005)
 
     def left_out(self) -> tuple[str, ...]:
-        """Fingers that the session did not wait for any longer, and that have no pad in it."""
+        """Fingers that the session did not wait for any longer: they get their pads when they are seen."""
         assert self.coupling is not None
-        return tuple(PARTS[row] for row in self._sighting.wanted if row != PALM and row not in self.coupling.rows)
+        return tuple(PARTS[row] for row in self._sighting.wanted if row in self.coupling.waiting)
 
     def _couple(self, targets: HandTargets) -> None:
         pad, side = self.stage.pad, self.side
         if self.mocap.coupling == "hand":
             self.coupling = HandCoupling(self.world, targets, pad, side=side, gains=self.mocap.gains)
         else:
-            self.coupling = TipCoupling(self.world, targets, pad, self.mocap.springs)
+            self.coupling = TipCoupling(self.world, targets, pad, self.mocap.springs, self._sighting.expected)
+        # The middle of these is where the hand is: who comes later would shift it.
+        self._guides = [row for row in self.coupling.rows if row not in self.coupling.waiting]
         pads, hands = self.coupling.pads, self.coupling.hands
         self._show(WorldScene(self.world, [self.object, self.stage.support, self.mat, *pads], hands, pads))
         self._finger_of = {place: finger for finger, place in enumerate(self.scene.model.fingertips())}
@@ -159,7 +161,10 @@ class MocapSession:
         rows = () if self.coupling is None else self.coupling.rows
         aims, ends = np.zeros((0, 3)), np.zeros((0, 3))
         if self.coupling is not None:
-            aims, ends = pad_places(targets)[0][list(rows)], self.coupling.ends
+            aims, ends = targets.pad_places()[0][list(rows)], self.coupling.ends
+            # What waits is drawn nowhere.
+            aside = [rows.index(row) for row in self.coupling.waiting]
+            aims[aside] = ends[aside]
         fingers = tuple(rows.index(row) if row in rows else -1 for row in range(len(PARTS)))
         states = tuple(targets.states)
         return TrackedHand(PARTS, targets.positions, targets.pad_radii, targets.weights, states, fingers, aims, ends)
@@ -204,7 +209,7 @@ class MocapSession:
         sums = contact_sums(state.contacts, 0, self._finger_of, len(self.coupling.fingers))
         support = _between(state, 0, 1) + _between(state, 0, 2)
         self.losses.update(state.time, targets, self.source.now() - self._last_arrival)
-        self.outcome.update(state.time, self._object_pose(), sums["hand/normal_force"], support, _guide(targets, list(self.coupling.rows)))
+        self.outcome.update(state.time, self._object_pose(), sums["hand/normal_force"], support, _guide(targets, self._guides))
         if recorder is not None:
             rows = list(self.coupling.rows)
             row = {"object/pose": self._object_pose(), "tracker/position": targets.positions[rows], "tracker/weight": targets.weights[rows]}
@@ -350,8 +355,9 @@ def run_mocap(
         if session.wait_for_hand(say):
             assert session.coupling is not None
             without = session.left_out()
-            said = f"; not seen, and without a pad: {', '.join(without)}" if without else ""
-            say(f"the hand is there: {', '.join(session.coupling.fingers)}{said}")
+            said = f"; not seen yet: {', '.join(without)}" if without else ""
+            there = (name for name in session.coupling.fingers if name not in without)
+            say(f"the hand is there: {', '.join(there)}{said}")
             path = out / "recording.h5" if record is None else record
             with session.recorder(path) as recorder:
                 session.run(recorder)

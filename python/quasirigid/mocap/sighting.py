@@ -30,6 +30,8 @@ class Sighting:
         """When each part was last seen, s."""
         self._has: BoolArray = np.ones(len(PARTS), dtype=bool)
         """What the source has."""
+        self._known: BoolArray = np.zeros(len(PARTS), dtype=bool)
+        """What it has named so far, seen or not."""
         self._seen: BoolArray = np.zeros(len(PARTS), dtype=bool)
         """In the newest frame."""
         self._since: float | None = None
@@ -38,6 +40,7 @@ class Sighting:
         """A frame has come."""
         self._seen = frame.tracked
         self._last[self._seen] = frame.arrival
+        self._known |= frame.present
         if frame.source == "dtrack-bodies":
             self._has = frame.present  # a body for each of some fingers, and perhaps none for the others
 
@@ -51,6 +54,11 @@ class Sighting:
         if self._coupling == "hand":
             return [*GRASPING, PALM]
         return [row for row in GRASPING if self._has[row]] or [row for row in range(PALM) if self._has[row]]
+
+    @property
+    def expected(self) -> tuple[int, ...]:
+        """The rows of all fingers that may yet be seen."""
+        return tuple(row for row in range(PALM) if row in self.wanted or self._known[row])
 
     def missing(self, now: float) -> tuple[str, ...]:
         """Names of those of them who are not there."""

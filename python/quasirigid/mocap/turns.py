@@ -41,19 +41,6 @@ def matrix(q: FloatArray) -> FloatArray:
     )
 
 
-def product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Quaternion product."""
-    (w, x, y, z), (s, i, j, k) = a.tolist(), b.tolist()
-    return np.array(
-        [
-            w * s - x * i - y * j - z * k,
-            w * i + s * x + y * k - z * j,
-            w * j + s * y + z * i - x * k,
-            w * k + s * z + x * j - y * i,
-        ]
-    )
-
-
 def rotation_vector(q: FloatArray) -> FloatArray:
     """Rotation vector of a unit quaternion, angle at most pi."""
     w, x, y, z = q.tolist()

@@ -42,6 +42,8 @@ REACH = 0.125
 """The floor's grid fades out at this distance from the middle, m."""
 FLAT = 2e-3
 """What rises no higher than this above the floor counts as the floor, m."""
+WITH = 0.6
+"""A fingertip farther than this from the object, m, waits for its finger to be seen, and is left out of the picture."""
 NEAR = 0.12
 """An object farther than this from the fingertips has fallen, and the camera does not follow it, m."""
 SHADES = 48
@@ -131,12 +133,21 @@ def towards(camera: str, recording: SceneRecording, state: SceneState) -> FloatA
 def _middle(recording: SceneRecording, state: SceneState) -> FloatArray:
     """Middle of the fingertips, or of the objects where there are none, (3,) m."""
     kinds = [body.kind for body in recording.model.bodies]
-    for kind in ("fingertip", "object"):
-        mine = [i for i, k in enumerate(kinds) if k == kind]
+    things = [i for i, kind in enumerate(kinds) if kind == "object"]
+    tips = [i for i, kind in enumerate(kinds) if kind == "fingertip" and not waits(recording, state, i)]
+    for mine in (tips, things):
         if mine:
             middle: FloatArray = state.positions[mine].mean(axis=0)
             return middle
     return state.positions.mean(axis=0) if len(state.positions) else np.zeros(3)
+
+
+def waits(recording: SceneRecording, state: SceneState, index: int) -> bool:
+    """Whether a body is a fingertip that is nowhere near the object."""
+    kinds = [body.kind for body in recording.model.bodies]
+    if kinds[index] != "fingertip" or "object" not in kinds:
+        return False
+    return bool(np.linalg.norm(state.positions[index] - state.positions[kinds.index("object")]) > WITH)
 
 
 def world_points(body: BodyView, state: SceneState, index: int) -> FloatArray:
@@ -209,6 +220,8 @@ class Renderer:
                 middle = _middle(self.recording, state)
                 for i, body in enumerate(bodies):
                     fallen = held and body.kind == "object" and np.linalg.norm(state.positions[i] - middle) > NEAR
+                    if waits(self.recording, state, i):
+                        continue
                     if len(body.points) and (everything or (body.kind != "support" and not fallen)):
                         some = rotate(state.quaternions[i], body.points[:: max(1, len(body.points) // 400)]) + state.positions[i]
                         if state is samples[0] and body.kind == "object" and back[2] > 0.0:

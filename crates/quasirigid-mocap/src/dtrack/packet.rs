@@ -270,7 +270,12 @@ impl Packet {
 
     /// How many standard bodies are calibrated: `6dcal` counts old Flysticks and tools as well.
     pub fn standard_bodies(&self) -> Option<u32> {
+        Some(self.calibrated_bodies?.saturating_sub(self.old_devices()))
+    }
+
+    /// How many targets of the old lines `6df` and `6dmt` are among those that `6dcal` counts.
+    pub fn old_devices(&self) -> u32 {
         let old = self.old_flysticks.as_ref().map_or(0, Vec::len) + self.old_tools.as_ref().map_or(0, Vec::len);
-        Some(self.calibrated_bodies?.saturating_sub(old as u32))
+        old as u32
     }
 }

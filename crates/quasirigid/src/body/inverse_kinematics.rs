@@ -67,6 +67,9 @@ pub struct IkOptions {
     pub position_tolerance: Real,
     /// Converged below this angle error (rad). Default 1e-4.
     pub angle_tolerance: Real,
+    /// A search that gets no further ends: when a step moves no joint by more than this (rad). Default 1e-12, as far as a double can tell. A goal that moves
+    /// from step to step needs no more than it moves by.
+    pub step_tolerance: Real,
     /// Damped steps per start. Default 100.
     pub max_iterations: usize,
     /// Further starts, spread evenly over the joint range, if the given one does not converge. Default 16.
@@ -75,7 +78,14 @@ pub struct IkOptions {
 
 impl Default for IkOptions {
     fn default() -> Self {
-        Self { angle_weight: 0.02, position_tolerance: 1e-5, angle_tolerance: 1e-4, max_iterations: 100, restarts: 16 }
+        Self {
+            angle_weight: 0.02,
+            position_tolerance: 1e-5,
+            angle_tolerance: 1e-4,
+            step_tolerance: 1e-12,
+            max_iterations: 100,
+            restarts: 16,
+        }
     }
 }
 
@@ -117,6 +127,7 @@ pub fn inverse_kinematics(model: &FingerModel, tip: &Pose, goal: &TipGoal, start
     check_non_negative("angle weight", options.angle_weight, "m/rad")?;
     check_positive("position tolerance", options.position_tolerance, "m")?;
     check_positive("angle tolerance", options.angle_tolerance, "rad")?;
+    check_non_negative("step tolerance", options.step_tolerance, "rad")?;
     let start = model.joint_vector("start of the search", start)?;
 
     let search = Search { model, tip, goal, options };
@@ -205,7 +216,7 @@ impl Search<'_> {
                 let moved = (trial - q).amax();
                 (q, errors, jacobian) = (trial, trial_errors, trial_jacobian);
                 lambda = (lambda * 0.2).max(1e-12);
-                if moved < 1e-12 {
+                if moved < self.options.step_tolerance {
                     break;
                 }
             } else {

@@ -79,14 +79,46 @@ impl Border {
         border
     }
 
+    /// The leaf's own points first, then those of others in rising order. Where there is no room for so many pieces the last one grows: the points in between
+    /// are too far away to have weight, but none that has is left out.
     fn push(&mut self, range: Range<u32>) {
-        if self.count < Self::MOST {
+        if self.count > 0 && self.list[self.count - 1].end == range.start {
+            self.list[self.count - 1].end = range.end;
+        } else if self.count < Self::MOST {
             self.list[self.count] = range;
             self.count += 1;
+        } else {
+            let [own, .., last] = &mut self.list;
+            last.end = range.end;
+            // Its own points are counted once.
+            if last.contains(&own.start) {
+                *own = 0..0;
+            }
         }
     }
 
     pub fn ranges(&self) -> &[Range<u32>] {
         &self.list[..self.count]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Leaves of three points, every other one in the border, more than there is room for; and their neighbours, which are one piece.
+    #[test]
+    fn no_point_of_a_border_is_left_out_or_counted_twice() {
+        for (own, apart) in [(0u32, 6u32), (150, 6), (600, 6), (906, 6), (300, 3)] {
+            let mut border = Border { count: 0, list: [const { 0..0 }; Border::MOST], gap: 0.0 };
+            let leaves: Vec<u32> = (0..180).map(|k| apart * k).filter(|&first| first != own).collect();
+            border.push(own..own + 3);
+            leaves.iter().for_each(|&first| border.push(first..first + 3));
+            let mut seen = vec![0; 1200];
+            border.ranges().iter().flat_map(Clone::clone).for_each(|k| seen[k as usize] += 1);
+            let wanted = leaves.iter().chain([&own]).flat_map(|&first| first..first + 3);
+            assert!(wanted.into_iter().all(|k| seen[k as usize] == 1), "own leaf at {own}, leaves {apart} apart");
+            assert!(seen.iter().all(|&count| count <= 1), "own leaf at {own}, leaves {apart} apart");
+        }
     }
 }
