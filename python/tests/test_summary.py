@@ -104,5 +104,5 @@ def test_slip_margin() -> None:
 
 def test_figures_next_to_nothing_read_well() -> None:
     told = [in_small_units(value, "m/s") for value in (2.4e-18, 1.04e-9, 3.9e-7, 1.9e-3, 2.0)]
-    assert told == ["under 0.001 nm/s", "1 nm/s", "390 nm/s", "1.9 mm/s", "2 m/s"]
+    assert told == ["under 0.001 nm/s", "1.04 nm/s", "390 nm/s", "1.9 mm/s", "2 m/s"]
     assert (percent(1.7e-14), percent(0.0025)) == ("0.001 %", "0.25 %")
