@@ -114,6 +114,7 @@ def test_object_that_does_not_fit_the_hand(tmp_path: Path, capfd: pytest.Capture
         (["--material", "cheese"], "fingertip_pulp"),
         (["--object", "no-such-file.obj"], "no-such-file.obj"),
         (["--points", "0"], "points"),
+        (["--points", "4000000000"], "5000000"),
         (["--threads", "0"], "threads"),
         (["--dt", "0"], "dt"),
         (["--hold", "nan"], "hold"),
