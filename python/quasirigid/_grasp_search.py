@@ -122,7 +122,7 @@ class Search:
         """Why there is no candidate."""
         hand = self.hand
         if self.fitting:
-            hint = "the palm, a finger or the support is in the way: turn the object in its file, scale it, or hold it without a support"
+            hint = "the palm, a finger or the support is in the way: turn the object in its file, or scale it"
             return GraspPlanError("grasp", "opposing sides that the hand can reach", "opposing sides, all out of reach", hint)
         if math.isfinite(self.below) and math.isfinite(self.above):
             got = f"{1e3 * self.below:.3g} mm one way and {1e3 * self.above:.3g} mm another"
@@ -134,7 +134,7 @@ class Search:
         least = float(np.ptp(self.cloud, axis=0).min())
         if least > hand.max_width:
             return width_error(least, hand)
-        hint = "raise the friction, sample the surface more densely, or turn the object in its file"
+        hint = f"both fingers, {1e3 * hand.finger_spacing:g} mm apart, must oppose the thumb: scale the object up, turn it in its file, or raise the friction"
         return GraspPlanError("grasp", "two opposing sides within the friction cone", "none found", hint)
 
     def _best_centre(self, rotation: Array) -> tuple[float, float, float] | None:
@@ -291,6 +291,6 @@ def _orientations(resting: bool, approach: str) -> list[tuple[Array, float, str]
         level = np.cross(up, z)
         for roll in rolls:
             x = math.cos(roll) * level + math.sin(roll) * up
-            words = f"from the side at {math.degrees(azimuth):g} degrees, rolled by {math.degrees(roll):g}"
+            words = f"from the side at {math.degrees(azimuth):g} degrees" + (f", rolled by {math.degrees(roll):g}" if roll else "")
             found.append((np.column_stack([x, np.cross(z, x), z]), SIDE_WEIGHT, words))
     return found

@@ -370,7 +370,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Usage errors of the command line parser; they know their own exit code (2).
         if hasattr(error, "format_message"):
             if error.format_message():  # empty when the help was shown for want of arguments
-                say(f"{error.format_message().rstrip('.')}; see `quasirigid --help`")
+                command_path = getattr(getattr(error, "ctx", None), "command_path", "quasirigid")
+                say(f"{error.format_message().rstrip('.')}; see `{command_path} --help`")
             return int(getattr(error, "exit_code", 2))
         if type(error).__name__ == "Abort":
             return 130

@@ -59,6 +59,8 @@ DROPPED_AT = 0.03
 LOST_FOR = 0.05
 """The same after as long without a touch, s."""
 GRAVITY = 9.81
+COARSE = 4e-3
+"""Points further apart than this, m, do not tell the shape that a pad of 16 mm feels; half of it does."""
 LEAST_PLANNED = 0.2
 """Friction that a grasp is planned with at least: what is more slippery shall be seen to slip, not be refused."""
 
@@ -237,6 +239,12 @@ class Grasp:
         """What is going on: one of PHASES, once ``run`` has begun."""
         self._began = 0.0
         self._untouched = 0.0
+        self.notes = list(taken.warnings)
+        """What whoever reads the results should know."""
+        if taken.surface.spacing > COARSE:
+            wanted = math.ceil(taken.surface.area / (COARSE / 2) ** 2 / 100) * 100
+            apart = f"the object's points are {1e3 * taken.surface.spacing:.2g} mm apart, too far to tell its shape under a fingertip"
+            self.notes.append(f"{apart}: {wanted:,} or more would do")
 
     def _open_grip(self) -> Grip:
         """A grip with every pad clear of the object by as much as its finger can open."""
@@ -273,6 +281,7 @@ class Grasp:
         for name, duration, move in script:
             steps = max(1, round(duration / dt))
             if name == "hold":
+                self._tell_weakness()
                 self.grip.hold()
             if name in ("support away", "hold"):
                 self._start_in_hand = self._object_in_hand()
@@ -326,6 +335,12 @@ class Grasp:
         damping = 2.0 * math.sqrt(stiffness * mass)
         both = (stiffness, stiffness * length**2), (damping, damping * length**2)
         self.object.set_drive(self._stand, (1.0, 0.0, 0.0, 0.0), stiffness=both[0], damping=both[1])
+
+    def _tell_weakness(self) -> None:
+        if self.grip.state == "weak":
+            found = ", ".join(f"{name.replace('_', ' ')} {force:.3g}" for name, force in zip(self.fingers, self.grip.forces(), strict=True))
+            limit = "a motor is at its limit, or a finger at the end of its reach"
+            self.notes.append(f"the hand cannot squeeze with {self.taken.squeeze:.3g} N: it presses with {found} N, as {limit}")
 
     def _lower_support(self, s: float) -> None:
         """The support goes in the first half of the time; in the second half the object comes to rest in the fingers."""

@@ -9,6 +9,7 @@ from typing import Literal
 
 from quasirigid._quasirigid import Material
 from quasirigid.errors import InvalidValueError, UnknownNameError
+from quasirigid.objects import MAX_POINTS, MIN_POINTS
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,8 @@ class GraspOptions:
             raise InvalidValueError("hold", "at most 3600 s", self.hold, "an hour shows all there is to see")
         if self.threads < 1:
             raise InvalidValueError("threads", "at least 1", self.threads, "0.25 ms of work rarely gains from more than 2")
-        if self.points is not None and self.points < 50:
-            raise InvalidValueError("points", "at least 50", self.points, "a few thousand make a surface")
+        if self.points is not None and not MIN_POINTS <= self.points <= MAX_POINTS:
+            raise InvalidValueError("points", f"{MIN_POINTS} to {MAX_POINTS}", self.points, "a few thousand make a surface")
         if self.seed < 0:
             raise InvalidValueError("seed", "a whole number >= 0", self.seed, "any will do")
         if self.scale is not None and self.size is not None:

@@ -9,6 +9,8 @@ from rich.markup import escape
 from rich.panel import Panel
 from rich.table import Table
 
+from quasirigid.small_figures import in_small_units, percent
+
 if TYPE_CHECKING:
     from quasirigid.grasp_run import GraspResult
 
@@ -30,14 +32,14 @@ def grasp_panel(result: GraspResult) -> Panel:
         "squeeze", f"{s['squeeze_n']:.3g} N, friction {s['friction']:.2g}, {s['compliance']} compliance, {s['object_motion']} bodies"
     )
     if s["drift_m_per_s"] is not None:
-        drift = f"{_with_prefix(s['drift_m_per_s'], 'm/s')}, {_with_prefix(s['spin_rad_per_s'], 'rad/s')}"
+        drift = f"{in_small_units(s['drift_m_per_s'], 'm/s')}, {in_small_units(s['spin_rad_per_s'], 'rad/s')}"
         table.add_row("drift", drift + " in the hand, over the last second of the hold")
     if s["normal_force_n"] is not None:
         table.add_row("pressing", per_finger("normal_force_n"))
         table.add_row("friction", per_finger("tangential_force_n"))
         table.add_row("slip margin", f"{100 * s['slip_margin']:.0f} % of the friction limit left on the weakest finger")
-        table.add_row("balance", f"weight and contact forces agree within {100 * s['support_error']:.2g} %")
-        table.add_row("overlap", f"{1e6 * s['overlap_max_m']:.2g} µm left at the deepest contact")
+        table.add_row("balance", f"weight and contact forces agree within {percent(s['support_error'])}")
+        table.add_row("overlap", f"{in_small_units(s['overlap_max_m'], 'm')} left at the deepest contact")
     missed = f", [red]{s['unconverged_steps']} steps did not converge[/red]" if s["unconverged_steps"] else ", every step converged"
     table.add_row("contacts", f"up to {s['contacts']}, residual up to {s['residual_max']:.1e}{missed}")
     speed = f"{s['step_ms_median']:.3f} ms median, {s['step_ms_p99']:.3f} ms p99"
@@ -52,14 +54,6 @@ def grasp_panel(result: GraspResult) -> Panel:
         border_style="green" if s["held"] else "red",
         expand=False,
     )
-
-
-def _with_prefix(value: float, unit: str) -> str:
-    """A small figure in a unit that reads well: ``"0.02 nm/s"``, ``"1.9 mm/s"``."""
-    for factor, prefix in ((1.0, ""), (1e3, "m"), (1e6, "µ")):
-        if value * factor >= 1.0:
-            return f"{value * factor:.2g} {prefix}{unit}"
-    return f"{value * 1e9:.2g} n{unit}"
 
 
 def _last_phase(summary: dict[str, Any]) -> str:

@@ -93,7 +93,7 @@ def _leave_summary(grasp: Grasp, path: Path, out: Path, elapsed: float, *, inter
             "threads": options.threads,
             "approach": taken.approach,
             "grasp_width_m": taken.width,
-            "warnings": list(taken.warnings),
+            "warnings": grasp.notes,
             "elapsed_s": elapsed,
             "state_hash": f"{grasp.world.state_hash():016x}",
             "version": __version__,

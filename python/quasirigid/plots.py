@@ -6,6 +6,7 @@ differ in shape or line style as well.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from matplotlib.ticker import MaxNLocator
 
 from quasirigid.grasp_columns import contacts_on_object
 from quasirigid.palette import FINGER_COLOURS, SLIP_COLOUR
+from quasirigid.small_figures import in_small_units
 from quasirigid.summary import Columns, FloatArray, Phase, creep, moved, phases, pose_in, settled
 
 INK, MUTED, BAND = "#222222", "#666666", "#F1F1EF"
@@ -122,11 +124,15 @@ def motion(columns: Columns, *, dt: float, subtitle: str = "") -> Figure:
         for span in spans:
             if span.name in ("hold", "hold again"):
                 speeds = creep(relative[settled(span, dt)], dt)
-                for axes, speed, unit in zip((middle, bottom), speeds, ("nm/s", "nrad/s"), strict=True):
+                curves = (1e6 * distance, np.degrees(angle))
+                for axes, speed, unit, values in zip((middle, bottom), speeds, ("m/s", "rad/s"), curves, strict=True):
                     if speed is None:  # a hold of one step
                         continue
-                    place = (0.5 * (span.start + span.end), 0.05)
-                    text = f"last second: {1e9 * speed:.2g} {unit}"
+                    # Where the curve is not.
+                    there = np.median(values[span.first - start : span.last - start])
+                    low, high = axes.get_ylim()
+                    place = (0.5 * (span.start + span.end), 0.06 if there > math.sqrt(low * high) else 0.45)
+                    text = f"last second:\n{in_small_units(speed, unit)}"
                     axes.annotate(text, place, xycoords=axes.get_xaxis_transform(), ha="center", fontsize=8, color=INK)
     else:
         for axes in (middle, bottom):

@@ -25,6 +25,7 @@ from quasirigid.palette import BONE, FINGER_COLOURS, GLASS, LINK_RADII, NAIL, PA
 from quasirigid.plots import INK, MUTED, SLIP, patch_plane
 from quasirigid.recording import Recording
 from quasirigid.scene_shot import Shot, pressure_on, read_shot
+from quasirigid.small_figures import in_small_units
 from quasirigid.splats import Camera, FloatArray, Layer, creases, directions, edge_planes, halved, outline, shade, splat, tube
 from quasirigid.summary import rotate
 from quasirigid.view.meshes import spacing_of
@@ -362,14 +363,6 @@ def _draw_patch(figure: Figure, shot: Shot, finger: int) -> None:
     bar.outline.set_visible(False)
 
 
-def _speed(metres_per_second: float) -> str:
-    """A speed next to nothing, in a unit that reads well."""
-    for factor, unit in ((1e3, "mm/s"), (1e6, "µm/s"), (1e9, "nm/s")):
-        if metres_per_second * factor >= 1.0 or unit == "nm/s":
-            return f"{metres_per_second * factor:.2g} {unit}"
-    raise AssertionError
-
-
 def scene(shot: Shot) -> Figure:
     """The picture of a grasp, 1200 x 800 px."""
     figure = Figure(figsize=(WIDTH / DPI, HEIGHT / DPI), dpi=DPI, facecolor="white")
@@ -383,7 +376,7 @@ def scene(shot: Shot) -> Figure:
     words = f"{1e3 * mass:.3g} g" if mass < 1.0 else f"{mass:.3g} kg"
     words += f", squeezed with {float(a['squeeze_n']):.3g} N, friction {float(a['friction']):.2g}"
     if shot.drift is not None:
-        words += f"; moves {_speed(shot.drift)} in the hand"
+        words += f"; moves {in_small_units(shot.drift, 'm/s')} in the hand"
     figure.text(22 / WIDTH, 1 - 54 / HEIGHT, words, fontsize=9.5, color=MUTED, va="top")
     pressing = [float(shot.contacts["reaction"][shot.patch(f), 0].sum()) for f in range(len(shot.fingers))]
     if max(pressing) > 0.0:

@@ -14,6 +14,8 @@ import pytest
 
 from quasirigid.cli import main
 from quasirigid.errors import QuasirigidError
+from quasirigid.grasp import Grasp
+from quasirigid.grasp_options import GraspOptions
 from quasirigid.quiet import quiet_fonts
 from quasirigid.recording import Recording
 from quasirigid.summary import PHASES
@@ -62,6 +64,11 @@ def test_too_heavy_for_the_squeeze_slips(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "summary.json").read_text())["held"] is False
 
 
+def test_points_too_far_apart_for_a_fingertip_are_told_of() -> None:
+    assert "mm apart" in Grasp(GraspOptions(points=200)).notes[0]
+    assert not Grasp(GraspOptions(points=2000)).notes
+
+
 @pytest.mark.parametrize("choice", [["--compliance", "half-space"], ["--object-motion", "quasi-static"]], ids=" ".join)
 def test_every_model_holds_the_box(tmp_path: Path, choice: list[str]) -> None:
     assert main(["grasp", "--points", "2000", "--hold", "1", *choice, "--json", "--out", str(tmp_path)]) == 0
@@ -107,6 +114,7 @@ def test_object_that_does_not_fit_the_hand(tmp_path: Path, capfd: pytest.Capture
         (["--material", "cheese"], "fingertip_pulp"),
         (["--object", "no-such-file.obj"], "no-such-file.obj"),
         (["--points", "0"], "points"),
+        (["--points", "4000000000"], "5000000"),
         (["--threads", "0"], "threads"),
         (["--dt", "0"], "dt"),
         (["--hold", "nan"], "hold"),
@@ -114,7 +122,7 @@ def test_object_that_does_not_fit_the_hand(tmp_path: Path, capfd: pytest.Capture
         (["--size", "0.1"], "--object"),
         (["--compliance", "jelly"], "half-space"),
         (["--seed", "-1"], "seed"),
-        (["--frictoin", "1"], "--friction"),
+        (["--frictoin", "1"], "--friction); see `quasirigid grasp --help`"),
         (["--port", "9000"], "add --view"),
         (["--no-browser"], "--no-browser: expected --view beside it"),
         (["--points", "2000", "--view", "--no-browser", "--port", "0"], "1 to 65535"),

@@ -70,7 +70,7 @@ def test_unusable_file_is_a_typed_error_with_expected_got_hint(
 @pytest.mark.parametrize(
     ("keyword", "value"),
     [(name, value) for name in ("scale", "size", "density", "mass") for value in (0.0, -1.0, math.nan, math.inf, "1", True)]
-    + [("points", 0), ("points", 49), ("points", 1e4), ("points", -5), ("seed", -1), ("seed", 0.5)],
+    + [("points", 0), ("points", 49), ("points", 1e4), ("points", -5), ("points", 10**9), ("points", 2**70), ("seed", -1), ("seed", 0.5)],
 )
 def test_bad_argument_is_a_typed_error(tmp_path: Path, keyword: str, value: object) -> None:
     file = save(trimesh.creation.box(BOX), tmp_path / "box.stl")

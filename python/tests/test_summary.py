@@ -7,6 +7,7 @@ import pytest
 from grasp_columns import DT, FRICTION, GRAVITY, MASS, SQUEEZE, STEPS, made_up_grasp
 
 from quasirigid import summary as s
+from quasirigid.small_figures import in_small_units, percent
 
 KEYS = "held object_mass_kg drift_m_per_s spin_rad_per_s contacts residual_max unconverged_steps steps step_ms_median step_ms_p99"
 KEYS += " normal_force_n support_error phases"
@@ -99,3 +100,9 @@ def test_quaternions_agree_with_matrices() -> None:
 
 def test_slip_margin() -> None:
     np.testing.assert_allclose(s.slip_margin(np.array([2.0, 2.0, 0.0]), np.array([0.0, 1.0, 0.0]), 0.5), [1.0, 0.0, 1.0])
+
+
+def test_figures_next_to_nothing_read_well() -> None:
+    told = [in_small_units(value, "m/s") for value in (2.4e-18, 1.04e-9, 3.9e-7, 1.9e-3, 2.0)]
+    assert told == ["under 0.001 nm/s", "1.04 nm/s", "390 nm/s", "1.9 mm/s", "2 m/s"]
+    assert (percent(1.7e-14), percent(0.0025)) == ("0.001 %", "0.25 %")

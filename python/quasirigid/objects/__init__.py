@@ -29,8 +29,8 @@ DEFAULT_DENSITY = 1000.0
 DEFAULT_POINTS = 20_000
 """Points on a sampled mesh: 1.1 mm apart on an object of 8 cm."""
 
-MIN_POINTS = 50
-"""Fewer do not make a surface."""
+MIN_POINTS, MAX_POINTS = 50, 5_000_000
+"""Fewer do not make a surface; more fill the memory of a machine, and are 0.1 mm apart on the largest thing a hand takes."""
 
 SMALLEST, LARGEST = 1e-3, 2.0
 """m. Objects whose largest extent is outside are taken for a mistake in the units."""
@@ -110,7 +110,7 @@ def load_object(
         path: the file.
         scale: factor on the coordinates, such as 0.001 for a file in millimetres. Default 1.
         size: instead of `scale`: the largest extent that the object shall have, m.
-        points: number of surface points, at least 50.
+        points: number of surface points, from 50 to 5,000,000.
         density: kg/m^3. Default 1000.
         mass: kg; overrides the density.
         centre: move the centre of mass to the origin.
@@ -155,8 +155,9 @@ def _check_number(what: str, value: object, expected: str, fits: object, hint: s
 
 
 def _check_count(points: object) -> int:
-    if not isinstance(points, (int, np.integer)) or isinstance(points, bool) or points < MIN_POINTS:
-        raise InvalidValueError("points", f"a whole number >= {MIN_POINTS}", repr(points), f"{DEFAULT_POINTS} suits most objects")
+    if not isinstance(points, (int, np.integer)) or isinstance(points, bool) or not MIN_POINTS <= points <= MAX_POINTS:
+        expected = f"a whole number from {MIN_POINTS} to {MAX_POINTS}"
+        raise InvalidValueError("points", expected, repr(points), f"{DEFAULT_POINTS} suits most objects")
     return int(points)
 
 
