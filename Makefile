@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMPS := $(VENV)/stamps
-ENGINE := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock pyproject.toml
+ENGINE := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock pyproject.toml python/quasirigid/_quasirigid.pyi
 RESULT ?= out/grasp
 # Property tests try the same cases in every run of `make test`; `make fuzz` tries new ones, ROUNDS times as many.
 SEED ?= 1

@@ -344,14 +344,14 @@ class Body:
         position: npt.ArrayLike,
         quaternion: npt.ArrayLike | None = None,
         *,
-        stiffness: tuple[float, float],
-        damping: tuple[float, float],
+        stiffness: npt.ArrayLike,
+        damping: npt.ArrayLike,
         linear_velocity: npt.ArrayLike = (0.0, 0.0, 0.0),
         angular_velocity: npt.ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
         """Pull the body to a pose by a damped spring, taken implicitly: any stiffness is stable.
 
-        ``stiffness`` (N/m, N m/rad), ``damping`` (N s/m, N m s/rad).
+        ``stiffness`` (2,): N/m, N m/rad; ``damping`` (2,): N s/m, N m s/rad.
         """
     def clear_drive(self) -> None:
         """Let go of the spring of ``set_drive``."""
@@ -497,11 +497,11 @@ class ContactStatus:
     """Values of ``Contacts.status``."""
 
     Open: ClassVar[int]
-    """0: within the margin, no force."""
+    """Open, 0: within the margin, no force."""
     Stick: ClassVar[int]
-    """1: inside the friction cone, no slip."""
+    """Stick, 1: inside the friction cone, no slip."""
     Slip: ClassVar[int]
-    """2: on the friction cone."""
+    """Slip, 2: on the friction cone."""
 
 @final
 class Contacts:
@@ -727,13 +727,13 @@ class World:
         position: npt.ArrayLike = (0.0, 0.0, 0.0),
         quaternion: npt.ArrayLike = (1.0, 0.0, 0.0, 0.0),
         name: str | None = None,
-        viscosity: tuple[float, float] | None = None,
+        viscosity: npt.ArrayLike | None = None,
     ) -> Body:
         """Add a rigid body and return its handle.
 
         ``mass``: its mass properties, or kg with the inertia of the surface's bounding box; needed unless ``fixed``.
         ``motion``: ``"inertial"``, ``"quasi-static"`` (no inertia: velocity = force / viscosity) or ``"fixed"``.
-        ``viscosity`` (N s/m, N m s/rad): ``None`` is none for inertial bodies, and for quasi-static ones that of a time
+        ``viscosity`` (2,), N s/m and N m s/rad: ``None`` is none for inertial bodies, and for quasi-static ones that of a time
         constant of 0.05 s.
         """
     def add_hand(

@@ -92,7 +92,7 @@ def view(
         live = LiveView(play, options, host=host, port=port)
         try:
             if recorder is not None:
-                # After all that may go wrong: an older recording is replaced now. Where nothing can be written, that is found out now, too.
+                # Where nothing can be written, that is found out now. An older recording is replaced with the first steps.
                 recorder.begin(play)
                 live.session.observe(recorder)
             live.start()

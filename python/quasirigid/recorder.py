@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import weakref
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -73,7 +73,8 @@ class Recorder:
         constants: Mapping[str, npt.NDArray[Any]] | None = None,
         block: int = 100,
     ) -> None:
-        """Create the file at ``path`` (an old one is replaced) with these ``columns``; ``block`` steps are written at a time.
+        """Create the file at ``path`` with these ``columns``; ``block`` steps are written at a time. An older file there is replaced when
+        the first of them are, or by ``flush`` or ``close``.
 
         ``constants`` are arrays by name, written at once. Raises ``RecordingError`` where no file can be written.
         """
@@ -101,7 +102,7 @@ class Recorder:
                 self._place.abandon()  # half a head is no recording
                 raise
         # If nobody closes the recording: when it is collected as garbage, or at the end of the program.
-        self._forgotten = weakref.finalize(self, _end_forgotten, self._writer, self._file, self._place)
+        self._forgotten = weakref.finalize(self, _end_forgotten, self._writer, self._file, self._place.release)
 
     def _begin(self, attributes: Mapping[str, Any], constants: Mapping[str, npt.NDArray[Any]]) -> RecordingWriter:
         """Write what is there from the start."""
@@ -114,7 +115,6 @@ class Recorder:
             packs = {c.name: PackedColumn(self._create(c), c.resolution) for c, _ in self._ragged + self._steps}
             stills = {c.name: self._create(c) for c in self._stills}
             self._file.swmr_mode = True
-            self._place.settle()
             return RecordingWriter(packs, stills, str(self.path))
         except BaseException:
             self._file.close()
@@ -194,12 +194,17 @@ class Recorder:
         full = self._filling
         count = len(full.ragged)
         if count:
+            self._settle()
             ragged = dict(zip((c.name for c, _ in self._ragged), zip(*full.ragged, strict=True), strict=False))
             block = Block(ragged, {name: rows[:count] for name, rows in full.rows.items()})
             ends = {group: int(full.rows[f"{group}/end"][count - 1]) for group in full.ends}
             # One statement: these steps are either still filling or ready, never both or neither.
             self._filling = _Filling((c for c, _ in self._steps), self._block, full.before + count, ends, block)
             self._give_ready()
+
+    def _settle(self) -> None:
+        with _written(self.path):
+            self._place.settle()
 
     def _give_ready(self) -> None:
         if self._filling.ready is not None:
@@ -218,13 +223,21 @@ class Recorder:
                 expected = str(known[name].shape) if name in known else "one of the stills of this recording"
                 raise InvalidShapeError(name, expected, str(given.shape), "name it and its shape when the recording is made")
             _held(known[name], given)
+        self._settle()
         self._writer.give(dict(values))
         self._writer.drain()
 
     def flush(self) -> None:
         """Put everything appended so far on disk, and wait for it. Raises ``RecordingError`` if it cannot be written."""
         self._hand_over()
+        self._settle()
         self._writer.drain()
+
+    def discard(self) -> None:
+        """End a recording that nobody wants: nothing of it stays, and an older file keeps its place if there was no step yet to replace it."""
+        if self._file:
+            self._forgotten.detach()
+            _end_forgotten(self._writer, self._file, self._place.abandon)
 
     def close(self, **attributes: Any) -> None:
         """Write what is buffered, mark the recording as complete and add ``attributes`` (dicts become JSON) to the file.
@@ -235,6 +248,7 @@ class Recorder:
             return
         try:
             self._end_file()
+            self._settle()
             with _written(self.path), self._reopened() as file:
                 file.attrs["complete"] = True
                 for key, value in attributes.items():
@@ -280,11 +294,11 @@ class Recorder:
                 self._place.release()
 
 
-def _end_forgotten(writer: RecordingWriter, file: h5py.File, place: Place) -> None:
+def _end_forgotten(writer: RecordingWriter, file: h5py.File, leave: Callable[[], None]) -> None:
     writer.stop()
     with suppress(OSError, RuntimeError):  # nobody is left to be told
         file.close()
-    place.release()
+    leave()
 
 
 @contextmanager

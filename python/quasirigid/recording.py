@@ -13,8 +13,9 @@ with ``Recording(path)``, or with ``h5py.File(path, "r", swmr=True)``.
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -30,6 +31,12 @@ VERSION = 2
 STILL = "still: one row, or none if the run did not get there"
 CONSTANT = "constant: the same in every step"
 Rows: TypeAlias = slice | int
+ATTEMPTS = 28
+"""How often HDF5 reads anew what does not have its checksum, in case it is just being written: every pause is twice the one before, 0.3 s in all.
+Its own 100 attempts would never come to an end in a file that is damaged.
+"""
+EOF_AT, EOF_SIZE = 28, 8
+"""Where a file of HDF5 (superblock of version 3, as recordings have) says how long it is at least, bytes."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +72,7 @@ class Recording:
         """Open the recording at ``path``. Raises ``ObjectFileError`` if there is none or it is something else."""
         self.path = Path(path)
         try:
-            self._file = h5py.File(self.path, "r", libver="latest", swmr=True)
+            self._file = _opened(self.path)
         except FileNotFoundError:
             raise ObjectFileError(str(path), "a recording (HDF5)", "no such file", "give the path of a recording.h5") from None
         except OSError as error:
@@ -81,6 +88,9 @@ class Recording:
     def _look(self) -> None:
         """Find out what is in the file."""
         if self._file.attrs.get("format") != FORMAT:
+            size, whole = _sizes(self.path)
+            if size < whole:
+                raise OSError("its attributes are missing")
             raise ObjectFileError(str(self.path), "a recording of quasirigid", "some other HDF5 file", "give the path of a recording.h5")
         if self.version > VERSION:
             expected = f"a recording of version {VERSION} or older"
@@ -163,6 +173,17 @@ class Recording:
         self.close()
 
 
+def _opened(path: Path) -> h5py.File:
+    """The file, as one that may still be written. Raises ``OSError`` where it cannot be opened."""
+    access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
+    access.set_libver_bounds(h5py.h5f.LIBVER_LATEST, h5py.h5f.LIBVER_LATEST)
+    with suppress(AttributeError):  # h5py does not offer it, and on Windows it cannot be found through h5py
+        set_attempts = ctypes.CDLL(h5py.h5p.__file__).H5Pset_metadata_read_attempts
+        set_attempts.argtypes = (ctypes.c_int64, ctypes.c_uint)
+        set_attempts(access.id, ATTEMPTS)
+    return h5py.File(h5py.h5f.open(bytes(path), h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ, fapl=access))
+
+
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
     """What HDF5 says of a file that it cannot make sense of, as ``ObjectFileError``."""
@@ -171,5 +192,15 @@ def _readable(path: Path) -> Iterator[None]:
     except ObjectFileError:
         raise
     except (OSError, RuntimeError, KeyError) as error:
-        found = " ".join(str(error).split())
-        raise ObjectFileError(str(path), "a recording that can be read", found, "the file is damaged: record again") from error
+        found, hint = " ".join(str(error).split()), "the file is damaged: record again"
+        size, whole = _sizes(path)
+        if size < whole:  # of a full disk, too: then what is there may well be read
+            found, hint = f"{size:,} of {whole:,} bytes", "its end is missing: copy it again, or record again"
+        raise ObjectFileError(str(path), "a recording that can be read", found, hint) from error
+
+
+def _sizes(path: Path) -> tuple[int, int]:
+    """How long the file is, and how long it says that it is at least, bytes."""
+    with path.open("rb") as file:
+        head = file.read(EOF_AT + EOF_SIZE)
+    return path.stat().st_size, int.from_bytes(head[EOF_AT:], "little")

@@ -1,4 +1,4 @@
-"""Where a recording is written: by one process at a time, and in the place of an older one only once it can be read."""
+"""Where a recording is written: by one process at a time, and in the place of an older one only once there is something to read."""
 
 from __future__ import annotations
 
@@ -32,19 +32,26 @@ class Place:
         self._lock = -1 if sys.platform == "win32" else _locked(self._side, path)
         self.draft = self.target if self._lock < 0 else self.target.with_name(f".{self.target.name}.new")
         """Where the file is begun."""
+        self.settled = self.draft == self.target
+        """Whether the file is where it belongs."""
 
     def settle(self) -> None:
-        """Put the draft where it belongs. Whoever reads an older recording there keeps that one."""
-        if self.draft != self.target:
-            os.replace(self.draft, self.target)
+        """Put the draft where it belongs, unless it is there. Whoever reads an older recording there keeps that one."""
+        if not self.settled:
+            with suppress(FileNotFoundError):  # an interrupt came between this and the next line
+                os.replace(self.draft, self.target)
+            self.settled = True
 
     def abandon(self) -> None:
-        """Take the draft away and let others record here."""
-        self.draft.unlink(missing_ok=True)
+        """Take away what was begun and let others record here. An older recording stays, unless its place was taken already."""
+        if self.settled:
+            self.target.unlink(missing_ok=True)
         self.release()
 
     def release(self) -> None:
-        """Let others record here."""
+        """Let others record here. What was begun and never settled goes away."""
+        if not self.settled:
+            self.draft.unlink(missing_ok=True)
         if self._lock >= 0:
             lock, self._lock = self._lock, -1
             with suppress(OSError):

@@ -232,6 +232,10 @@ class SceneRecorder:
         """Put everything appended so far on disk, and wait for it."""
         self._recorder.flush()
 
+    def discard(self) -> None:
+        """End a recording that nobody wants; see ``Recorder.discard``."""
+        self._recorder.discard()
+
     def close(self, **attributes: Any) -> None:
         """Write what is buffered and mark the recording as complete."""
         self._recorder.close(**attributes)

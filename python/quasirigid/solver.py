@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from quasirigid._quasirigid import ContactSolution, _solve_contacts
-from quasirigid.errors import InvalidShapeError, ObjectFileError
+from quasirigid.errors import InvalidShapeError, InvalidValueError, ObjectFileError
 
 __all__ = ["ContactProblem", "ContactSolution", "solve_contacts"]
 
@@ -64,7 +64,7 @@ def solve_contacts(
     """
     start = time.perf_counter()
     matrix = _block_rows(W) if hasattr(W, "tobsr") else W
-    if time_budget is not None and time_budget > 0:
+    if isinstance(time_budget, int | float) and time_budget > 0:
         time_budget = max(time_budget - (time.perf_counter() - start), 1e-9)
     return _solve_contacts(matrix, q, mu, tolerance, max_sweeps, time_budget, warm_start)
 
@@ -88,12 +88,33 @@ def _from_block_rows(starts: Any, columns: Any, blocks: Any) -> Any:
     return bsr_array((blocks, columns, starts), shape=(width, width))
 
 
+def _checked(what: str, value: Any, *shape: int) -> FloatArray:
+    """Finite real numbers of that shape, -1 for any length."""
+    wanted = f"({shape[0] if shape[0] >= 0 else 'n'}{',' if len(shape) == 1 else f', {shape[1]}'})"
+    try:
+        array = np.asarray(value)
+        numbers: FloatArray | None = array.astype(np.float64, copy=False) if array.dtype.kind in "biufO" and array.ndim else None
+    except (TypeError, ValueError, OverflowError):
+        numbers = None
+    if numbers is None:
+        raise InvalidShapeError(what, f"numbers of shape {wanted}", type(value).__name__, "give an array of real numbers")
+    if numbers.ndim != len(shape) or any(side not in (-1, found) for side, found in zip(shape, numbers.shape, strict=True)):
+        hint = "W and q have three rows per contact, mu has one"
+        raise InvalidShapeError(what, f"shape {wanted}", f"shape {numbers.shape}", hint)
+    if not np.isfinite(numbers).all():
+        got = f"{np.count_nonzero(~np.isfinite(numbers))} of {numbers.size} NaN or infinite"
+        raise InvalidValueError(what, "finite numbers only", got, "look at where they come from")
+    return numbers
+
+
 @dataclass(frozen=True)
 class ContactProblem:
     """A contact problem, with the reactions that were found for it.
 
     From ``World.contact_problem()``: the problem of the last step, in displacements over the step instead of velocities.
     ``W`` is in m/N and ``q`` in m, and ``reactions`` in N are those of the step; what was the warm start is not kept.
+
+    Raises ``InvalidShapeError`` for arrays that do not fit together, and ``InvalidValueError`` for NaN, infinity or a negative ``mu``.
     """
 
     W: Any
@@ -104,6 +125,22 @@ class ContactProblem:
     """(n,)"""
     reactions: FloatArray | None = None
     """(3n,), or ``None`` if the problem came without."""
+
+    def __post_init__(self) -> None:
+        mu = _checked("mu", self.mu, -1)
+        if mu.min(initial=0.0) < 0.0:
+            raise InvalidValueError("mu", "friction coefficients >= 0", mu.min(), "0 is without friction")
+        rows = 3 * len(mu)
+        if hasattr(self.W, "tocsr"):
+            if tuple(self.W.shape) != (rows, rows):
+                raise InvalidShapeError("W", f"shape ({rows}, {rows})", f"shape {self.W.shape}", "W has three rows per contact, mu has one")
+            _checked("W", self.W.tocsr().data, -1)
+            W = self.W
+        else:
+            W = _checked("W", self.W, rows, rows)
+        reactions = None if self.reactions is None else _checked("reactions", self.reactions, rows)
+        for name, value in (("W", W), ("q", _checked("q", self.q, rows)), ("mu", mu), ("reactions", reactions)):
+            object.__setattr__(self, name, value)
 
     def __len__(self) -> int:
         return len(self.mu)

@@ -123,14 +123,15 @@ class LiveRecorder:
         self._recorder.append(state, None, play.report)
 
     def close(self) -> None:
-        """Finish the file that is being written; one without a step is taken away."""
+        """Finish the file that is being written; one without a step is taken away, and an older one in its place stays."""
         if self._recorder is not None:
             recorder, self._recorder = self._recorder, None
-            recorder.close()
-            self._waited += recorder.waited
             if recorder.steps == 0:
-                recorder.path.unlink(missing_ok=True)
+                recorder.discard()
                 self.paths.remove(recorder.path)
+            else:
+                recorder.close()
+            self._waited += recorder.waited
 
 
 __all__ = ["LiveRecorder", "WorldRecorder", "record"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -39,6 +40,16 @@ def copied(
         time=frame.time,
         arrival=arrival,
     )
+
+
+def part(directory: Path, take: mocap.Take | None = None, *, since: float = 0.0, until: float = 1e3) -> mocap.Take:
+    """What arrives from ``since`` to ``until`` s of a take, the shipped one unless told otherwise. ``directory`` is written to."""
+    packets = (take or mocap.shipped_take()).packets
+    with mocap.TakeWriter(directory / "part.take") as writer:
+        for packet in packets:
+            if since <= packet.arrival < until:
+                writer.packet(packet.arrival - since, packet.data)
+    return mocap.Take.read(directory / "part.take")
 
 
 class FrameSource:

@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from hand_frames import part
 from rich.console import Console
 
 from quasirigid import mocap
@@ -48,7 +49,7 @@ def port_of(process: subprocess.Popen[str]) -> str:
 
 
 def test_what_is_replayed_is_recorded_byte_for_byte(tmp_path: Path) -> None:
-    source = mocap.Take.pinch(seed=4)
+    source = part(tmp_path, mocap.Take.pinch(seed=4), until=1.5)
     source.write(tmp_path / "source.take")
     copy = tmp_path / "copy.take"
     with command("record", str(copy), "-c", "0", "--bind", "127.0.0.1", "--json") as recorder:
@@ -57,18 +58,18 @@ def test_what_is_replayed_is_recorded_byte_for_byte(tmp_path: Path) -> None:
         with command("replay", str(tmp_path / "source.take"), *options) as sender:
             out, err = sender.communicate(timeout=LIMIT)
             assert sender.returncode == 0, err
-            assert json.loads(out)["sent"] == 600
+            assert json.loads(out)["sent"] == 90
         recorder.send_signal(signal.SIGINT)
         out, err = recorder.communicate(timeout=LIMIT)
         assert recorder.returncode == 0, err
         assert "stopped" in err
     figures = json.loads(out)
-    assert (figures["recorded"], figures["lost"], figures["malformed"]) == (600, 0, 0)
+    assert (figures["recorded"], figures["lost"], figures["malformed"]) == (90, 0, 0)
     assert [p.data for p in mocap.Take.read(copy).packets] == [p.data for p in source.packets]
 
 
 def test_monitor_shows_the_hand_and_ends_clean() -> None:
-    with command("monitor", "-c", "0", "--bind", "127.0.0.1", "--seconds", "4") as monitor:
+    with command("monitor", "-c", "0", "--bind", "127.0.0.1", "--seconds", "1.5") as monitor:
         to = f"127.0.0.1:{port_of(monitor)}"
         with mocap.Replay(mocap.shipped_take(), [to], source_port=0, rounds=0):
             out, err = monitor.communicate(timeout=LIMIT)

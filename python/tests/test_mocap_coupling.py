@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from hand_frames import START, copied
 
-from quasirigid import mocap
+from quasirigid import HandModel, World, mocap
+from quasirigid.errors import InvalidValueError
 from quasirigid.grasp import GRAVITY, Stage
 from quasirigid.grasp_options import GraspOptions
 from quasirigid.mocap.coupling import PAD_MASS, Coupling, TipCoupling
 from quasirigid.mocap.hand_coupling import HandCoupling
+from quasirigid.mocap.springs import Offset
 from quasirigid.mocap.turns import product, rotation_vector
 from quasirigid.summary import FloatArray, conjugate, rotate
 
@@ -161,3 +163,39 @@ def energy_of(stage: Stage, coupling: TipCoupling, aims: tuple[FloatArray, Float
     kinetic = 0.5 * mass * np.sum(thing.linear_velocity**2) + 0.5 * spin @ inertia @ spin
     kinetic += sum(0.5 * PAD_MASS * np.sum(pad.linear_velocity**2) for pad in coupling.pads)
     return float(kinetic + mass * GRAVITY * thing.position[2] + 0.5 * k * np.sum(linear**2) + 0.5 * kr * np.sum(angular**2))
+
+
+def test_a_finger_that_is_lost_is_caught_again_where_it_is() -> None:
+    offset = Offset((2, 0.5))
+    stretch = np.array([0.03, -0.01])
+    offset.update(0.0, None, 1e-3)
+    energy, worst = 0.0, 0.0
+    for weight in np.linspace(0.0, 1.0, 101)[1:]:
+        offset.update(float(weight), stretch, 0.0)
+        energy = float(weight * np.sum((stretch + offset.value) ** 2))
+        worst = max(worst, energy)
+    assert worst < 1e-12, f"the spring holds {worst} of k m^2 that nobody has put in"
+    fastest = 0.0
+    for _ in range(1500):
+        before = offset.value
+        offset.update(1.0, None, 1e-3)
+        fastest = max(fastest, float(np.linalg.norm(offset.value - before)) / 1e-3)
+    assert fastest < 0.5, f"taken back at {fastest} m/s"
+    assert offset.zero
+
+
+def test_a_finger_comes_as_near_as_it_can() -> None:
+    hand = World().add_hand()
+    start, normal = np.array([-0.03, 0.0, -0.085]), np.array([1.0, 0.0, 0.0])
+    exact = hand.inverse_kinematics(0, start, normal)
+    joints, miss = hand.reach(0, start + [0.001, 0.0, 0.0], normal, start=exact)
+    assert miss < 1e-3, f"{1e3 * miss:.2f} mm off at 1 mm from where it was"
+    assert np.abs(joints - exact).max() < 0.2
+    far, miss = hand.reach(0, [0.0, 0.0, -1.0], normal, start=exact)
+    model = HandModel.three_finger()
+    assert 0.5 < miss < 1.0, "a metre is out of reach"
+    assert np.all((model.lower_limits[0] - 1e-12 <= far) & (far <= model.upper_limits[0] + 1e-12))
+    with pytest.raises(InvalidValueError):
+        hand.reach(0, [np.nan, 0.0, 0.0], normal)
+    with pytest.raises(InvalidValueError, match="iterations: expected a whole number"):
+        hand.reach(0, start, normal, iterations=-1)

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import open_page, picture, received, running_browser, wait_until
+from hand_frames import part
 
 from quasirigid import mocap
 from quasirigid.cli import main
 from quasirigid.grasp_options import GraspOptions
-from quasirigid.mocap import Take, shipped_take
 from quasirigid.mocap.options import MocapOptions
 from quasirigid.mocap.session import MocapSession
 from quasirigid.mocap.stream import TakeSource
@@ -33,14 +33,6 @@ COARSE = GraspOptions(points=6000, dt=0.004)
 def apart() -> Iterator[PageApart]:
     with PageApart(port=8350) as page:
         yield page
-
-
-def part(until: float, directory: Path) -> Take:
-    """The first seconds of the shipped take."""
-    shipped_take().write(directory / "whole.take")
-    text = (directory / "whole.take").read_bytes()
-    (directory / "short.take").write_bytes(text[: text.index(f"# packet {until:.0f}.".encode())])
-    return Take.read(directory / "short.take")
 
 
 class Kept:
@@ -63,7 +55,7 @@ class Kept:
 def kept_session(until: float, directory: Path, coupling: str = "tips") -> tuple[MocapSession, Kept]:
     viewer = Kept()
     options = MocapOptions(idle=0.1, coupling=coupling)  # type: ignore[arg-type]
-    session = MocapSession(COARSE, options, TakeSource(part(until, directory)), viewer)
+    session = MocapSession(COARSE, options, TakeSource(part(directory, until=until)), viewer)
     assert session.wait_for_hand()
     session.run()
     return session, viewer
@@ -92,7 +84,7 @@ def test_a_viewer_is_shown_the_hand_and_where_it_draws_the_pads(coupling: str, t
 
 
 def test_a_take_that_is_watched_keeps_to_the_clock_and_has_the_same_result(tmp_path: Path) -> None:
-    take = part(1.0, tmp_path)
+    take = part(tmp_path, until=1.0)
     hashes = []
     for watched in (False, True):
         source = TakeSource(take, watched=watched)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 import quasirigid as qr
 from quasirigid import _quasirigid, errors
@@ -325,6 +326,33 @@ BAD: list[tuple[str, Callable[[], Any], type[Exception], str]] = [
     ("infinite position", lambda: qr.World().add_hand(position=(0, INF, 0)), qr.InvalidValueError, "position"),
     ("no steps", lambda: qr.World().step(0), qr.InvalidValueError, "n:"),
     ("steps back", lambda: qr.World().step(-1), qr.InvalidValueError, "n:"),
+    ("more points than 64 bits count", lambda: qr.Surface.sphere(0.1, points=2**64), qr.InvalidValueError, f"got {2**64}"),
+    ("far too many control points", lambda: qr.Surface.box(BOX, points=100, control_points=-(10**30)), qr.InvalidValueError, "got -1000"),
+    ("a number too long to print", lambda: qr.World(threads=10**5000), qr.InvalidValueError, "threads"),
+    ("text for numbers", lambda: qr.World(gravity=("0", "0", "-9.81")), qr.InvalidShapeError, "list|tuple of"),
+    ("dates for numbers", lambda: qr.World(gravity=np.zeros(3, dtype="datetime64[s]")), qr.InvalidShapeError, "datetime64"),
+    ("complex numbers", lambda: qr.World(gravity=np.zeros(3, dtype=complex)), qr.InvalidShapeError, "complex128"),
+    (
+        "viscosity of three",
+        lambda: qr.World().add_body(small_box(), MATERIAL, mass=1.0, viscosity=(1, 1, 1)),
+        qr.InvalidShapeError,
+        r"\(2,\)",
+    ),
+    (
+        "W that is no matrix",
+        lambda: qr.ContactProblem(np.ones(9), np.zeros(3), np.zeros(1)),
+        qr.InvalidShapeError,
+        r"W: expected shape \(3, 3\)",
+    ),
+    ("q with NaN", lambda: qr.ContactProblem(np.eye(3), np.full(3, NAN), np.zeros(1)), qr.InvalidValueError, "3 of 3 NaN"),
+    ("negative mu", lambda: qr.ContactProblem(np.eye(3), np.zeros(3), -np.ones(1)), qr.InvalidValueError, "mu"),
+    (
+        "reactions of another problem",
+        lambda: qr.ContactProblem(np.eye(3), np.zeros(3), np.ones(1), np.zeros(6)),
+        qr.InvalidShapeError,
+        "reactions",
+    ),
+    ("sparse W with NaN", lambda: qr.ContactProblem(csr_array(NAN * np.eye(3)), np.zeros(3), np.ones(1)), qr.InvalidValueError, "W: "),
     ("removing a number", lambda: qr.World().remove(3), qr.InvalidHandleError, "remove"),  # type: ignore[arg-type]
 ]
 
@@ -347,6 +375,9 @@ def test_bad_input_to_handles() -> None:
         lambda: box.apply_wrench((NAN, 0, 0)),
         lambda: table.move_to((0, 0, INF)),
         lambda: box.set_drive((0, 0, 0), stiffness=(-1.0, 0.0), damping=(0.0, 0.0)),
+        lambda: box.set_drive((0, 0, 0), stiffness=(1.0, 0.0), damping=np.array([NAN, 0.0])),
+        lambda: hand.surface(2**63),
+        lambda: world.step(-(2**63) - 1),
         lambda: box.set_velocity((0, NAN, 0)),
         lambda: setattr(hand, "joint_targets", np.full((3, 4), NAN)),
         lambda: setattr(hand, "joint_positions", np.full((3, 4), 99.0)),
@@ -362,6 +393,8 @@ def test_bad_input_to_handles() -> None:
         hand.joint_targets = np.zeros((2, 4))
     with pytest.raises(qr.InvalidShapeError):
         hand.grip(np.zeros((2, 3)), np.zeros((2, 3)))
+    with pytest.raises(qr.InvalidShapeError, match=r"stiffness.*\(2,\)"):
+        box.set_drive((0, 0, 0), stiffness=(1.0, 1.0, 1.0), damping=(0.0, 0.0))
     np.testing.assert_array_equal(hand.joint_positions, before)
 
 
@@ -380,8 +413,11 @@ def test_removed_bodies_and_hands_are_refused() -> None:
 # --- stubs ------------------------------------------------------------------------------------------------------------------
 
 
+STUBS = Path(_quasirigid.__file__).with_name("_quasirigid.pyi")
+
+
 def stub() -> dict[str, Any]:
-    tree = ast.parse(Path(_quasirigid.__file__).with_name("_quasirigid.pyi").read_text())
+    tree = ast.parse(STUBS.read_text())
     names: dict[str, Any] = {}
     for node in tree.body:
         if isinstance(node, ast.ClassDef):
@@ -410,17 +446,42 @@ def test_stubs_name_exactly_what_the_module_has() -> None:
         assert ("__len__" in vars(thing)) == ("__len__" in members), name
 
 
-def test_stubs_have_the_parameters_of_the_module() -> None:
+def test_stubs_have_the_parameters_and_defaults_of_the_module() -> None:
     for name, (members, _) in stub().items():
         for member, node in members.items():
-            if member.startswith("__") or any(
-                isinstance(d, ast.Name | ast.Attribute) for d in node.decorator_list if "staticmethod" not in ast.dump(d)
-            ):
+            of_class = getattr(_quasirigid, name)
+            if any(isinstance(d, ast.Attribute) or getattr(d, "id", "") == "property" for d in node.decorator_list):
                 continue
-            signature = inspect.signature(getattr(getattr(_quasirigid, name), member))
-            there = [p for p in signature.parameters if p != "self"]
-            stubbed = [a.arg for a in [*node.args.args, *node.args.kwonlyargs] if a.arg != "self"]
+            if member.startswith("__") and member != "__init__":
+                continue
+            signature = inspect.signature(of_class if member == "__init__" else getattr(of_class, member))
+            there = {p.name: p.default for p in signature.parameters.values() if p.name != "self"}
+            places, named = node.args.args, node.args.kwonlyargs
+            defaults = [*[None] * (len(places) - len(node.args.defaults)), *node.args.defaults, *node.args.kw_defaults]
+            stubbed = {
+                a.arg: inspect.Parameter.empty if default is None else ast.literal_eval(default)
+                for a, default in zip([*places, *named], defaults, strict=True)
+                if a.arg != "self"
+            }
             assert there == stubbed, f"{name}.{member}"
+            assert {p.name for p in signature.parameters.values() if p.kind is p.KEYWORD_ONLY} == {a.arg for a in named}, f"{name}.{member}"
+
+
+def test_help_says_what_the_stubs_say() -> None:
+    tree = ast.parse(STUBS.read_text())
+    for node in (n for n in tree.body if isinstance(n, ast.ClassDef)):
+        of_class = getattr(_quasirigid, node.name)
+        parts = [ast.get_docstring(node)]
+        for member in node.body:
+            if isinstance(member, ast.FunctionDef):
+                text = ast.get_docstring(member)
+                if member.name == "__init__":
+                    parts.append(text)
+                elif text is not None and not member.name.startswith("__"):
+                    assert inspect.getdoc(getattr(of_class, member.name)) == text, f"{node.name}.{member.name}"
+            elif isinstance(member, ast.Expr) and member is not node.body[0]:
+                parts.append(ast.literal_eval(member.value))
+        assert inspect.getdoc(of_class) == "\n\n".join(part for part in parts if part), node.name
 
 
 def test_a_world_tells_its_step_budget_and_how_many_newton_steps_a_step_took() -> None:

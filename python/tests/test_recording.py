@@ -1,6 +1,7 @@
 """Recordings: what is appended comes back, whatever happened to the writer."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -137,6 +138,39 @@ def test_stills_come_back_and_do_not_count_as_steps(tmp_path: Path) -> None:
         assert list(recording.stills("scene")) == ["points"]
         assert recording["scene/never"].shape == (0, 2)
         assert recording.unit("scene/points") == "m"
+
+
+CUT = """
+import sys, quasirigid as qr
+for path in sys.argv[1:]:
+    try:
+        print(len(qr.Recording(path)["time"]))
+    except qr.ObjectFileError as error:
+        print(error)
+"""
+
+
+def test_a_file_that_was_cut_off_is_a_typed_error_and_hangs_nobody(tmp_path: Path) -> None:
+    path = tmp_path / "recording.h5"
+    with Recorder(path, COLUMNS) as recorder:
+        for i in range(500):
+            recorder.append(row(i))
+        recorder.flush()
+        killed = path.read_bytes()  # as kill -9 would leave it
+        begun = int.from_bytes(killed[28:36], "little")
+    finished = path.read_bytes()
+    cases = {
+        finished[: len(finished) // 2]: r"can be read, got [\d,]+ of [\d,]+ bytes; its end is missing",
+        killed[: begun // 2]: "its end is missing",
+        killed[: begun + 3000]: "checksum",
+    }
+    paths = [tmp_path / f"cut-{i}.h5" for i in range(len(cases))]
+    for cut, content in zip(paths, cases, strict=True):
+        cut.write_bytes(content)
+    # In another process: it would hang inside HDF5, where no signal of Python's reaches it.
+    done = subprocess.run([sys.executable, "-c", CUT, *map(str, paths)], capture_output=True, text=True, timeout=60, check=True)
+    for message, told in zip(cases.values(), done.stdout.splitlines(), strict=True):
+        assert re.search(message, told), done.stdout
 
 
 def test_damaged_files_are_a_typed_error_wherever_they_are_read(tmp_path: Path) -> None:

@@ -89,6 +89,22 @@ def test_a_recording_that_cannot_be_begun_leaves_the_old_one(tmp_path: Path) -> 
     assert [file.name for file in tmp_path.iterdir()] == ["r.h5"]
 
 
+def test_a_recording_replaces_the_old_one_with_its_first_steps(tmp_path: Path) -> None:
+    path = tmp_path / "r.h5"
+    write(path, 5)
+    for end in (Recorder.discard, lambda recorder: recorder.__exit__(KeyboardInterrupt, KeyboardInterrupt(), None)):
+        recorder = Recorder(path, COLUMNS)
+        assert check(path, 5) == 5
+        end(recorder)
+        assert check(path, 5) == 5, "of a run without a step nothing stays"
+    recorder = Recorder(path, COLUMNS)
+    recorder.append(row(0))
+    recorder.flush()
+    assert check(path, 1) == 1
+    recorder.discard()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_where_another_process_records_nobody_else_does_until_it_ends(tmp_path: Path, other: Other) -> None:
     path = tmp_path / "r.h5"
     begin = f"mine.update(w=Recorder({str(path)!r}, COLUMNS)) or [mine['w'].append(row(i)) for i in range(100)] and mine['w'].flush()"

@@ -223,10 +223,12 @@ def test_what_happens_live_is_recorded_and_a_reset_begins_another_file(tmp_path:
             recorder(play)
         last = play.state().positions
         play.build()
+    (tmp_path / "live-3.h5").write_text("of yesterday")
     recorder.begin(play)  # nothing comes of it
     recorder.close()
     assert [path.name for path in recorder.paths] == ["live.h5", "live-2.h5"]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["live-2.h5", "live.h5"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["live-2.h5", "live-3.h5", "live.h5"]
+    assert (tmp_path / "live-3.h5").read_text() == "of yesterday"
     assert recorder.waited == 0.0
     for name, steps in (("live.h5", 130), ("live-2.h5", 20)):
         with qr.SceneRecording(tmp_path / name) as back:

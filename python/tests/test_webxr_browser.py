@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +71,8 @@ class Running:
         return float(self.session.object.position[2]) - 0.04
 
     def finish(self) -> dict[str, Any]:
+        # Nobody comes any more, so that nothing is to be waited for.
+        self.session.mocap = replace(self.session.mocap, idle=0.3)
         self._thread.join(timeout=30.0)
         assert not self._thread.is_alive(), "the session goes on although its page is closed"
         return self.session.summary()
@@ -84,9 +88,10 @@ def running(request: pytest.FixtureRequest) -> Iterator[Running]:
 
 X, Y, Z = TABLE
 READY, ABOVE, OPEN, HELD, RAISED = (X, Y + 0.12, Z + 0.03, 0), (X, Y, Z, 0), (X, Y, Z, 0), (X, Y, Z, 1), (X, Y + LIFT, Z, 1)
-TAKE = [[0.0, *READY], [1.2, *ABOVE], [2.6, *HELD], [3.0, *HELD]]
-RAISE = [[0.0, *HELD], [2.0, *RAISED], [2.5, *RAISED]]
-PUT_DOWN = [[0.0, *RAISED], [0.2, *RAISED], [2.2, *HELD], [2.5, *HELD], [3.5, *ABOVE], [4.5, *READY]]
+# As quick as a hand may well be, 0.45 m/s at most: the tests wait for it.
+TAKE = [[0.0, *READY], [0.5, *ABOVE], [1.2, *HELD], [1.5, *HELD]]
+RAISE = [[0.0, *HELD], [1.0, *RAISED], [1.2, *RAISED]]
+PUT_DOWN = [[0.0, *RAISED], [1.0, *HELD], [1.2, *HELD], [1.8, *ABOVE], [2.2, *READY]]
 IN_VR = "quasirigid.status.session === 'immersive-vr' && quasirigid.status.sent > 5"
 
 
@@ -123,22 +128,31 @@ def enter(page: Any, running: Running) -> None:
     wait_until(lambda: running.session.coupling is not None, "the session to see the hand")
 
 
+def settled(of: Callable[[], float]) -> None:
+    """Waits until this (m) stands still: what is shown of the hand comes a little later than the hand."""
+    before = [float("nan")] * 3
+
+    def still() -> bool:
+        before.append(of())
+        return bool(np.ptp(before[-4:]) < 5e-4)
+
+    wait_until(still, "it to stand still")
+
+
 def move(page: Any, keys: list[list[float]]) -> None:
     """Moves the hand and waits until it is there."""
     page.evaluate("keys => xrMove(keys)", keys)
     until(page, "window.xrDone", 3.0 * PATIENCE)
 
 
-def check_lift(summary: dict[str, Any], gap: float) -> None:
-    """The box went as high as the hand. Where the machine was too busy for real time (``gap`` s without a hand, or late steps), the hand was shown
-    in a hurry to catch up (``quasirigid.mocap.pace``), and the box may have slid down between the pads: then the test is skipped, visibly. To be
-    called last.
+def check_lift(lifted: float, *, late: float, gap: float) -> None:
+    """The box (``lifted``, m) went as high as the hand. Where the machine was too busy for real time (``gap`` s without a hand, or a step ``late`` s
+    late), the hand was shown in a hurry to catch up (``quasirigid.mocap.pace``), and the box may have slid down between the pads: then the test is
+    skipped, visibly.
     """
-    late = 1e-3 * summary["step_lateness_ms"]["max"]
-    lifted = summary["lifted_m"]
     told = f"lifted by {1e3 * lifted:.1f} mm, the hand by {1e3 * LIFT:.0f} mm; {gap:.2f} s without a hand, a step {late:.2f} s late"
     print(told)
-    assert 0.3 * LIFT < lifted < LIFT + 0.02, told
+    assert lifted < LIFT + 0.02, told
     if lifted <= LIFT - 0.01 and max(gap, late) >= BUSY:
         pytest.skip(f"the machine was too busy to tell: {told}")
     assert lifted > LIFT - 0.01, told
@@ -167,9 +181,10 @@ def test_synthetic_hand_joints_pinch_and_lift_the_box(browser: Any, emulator: st
         enter(page, running)
         move(page, TAKE)
         move(page, RAISE)
-        wait_until(lambda: running.lifted > 0.2 * LIFT, "the box to be lifted")
-        drawn = page.evaluate("quasirigid.drawing.bodies[0].position.z")
-        assert drawn > 0.04 + 0.15 * LIFT, f"the headset shows the box at {drawn:.3f} m"
+        settled(lambda: running.lifted)
+        assert running.session.pace is not None
+        check_lift(running.lifted, late=max(running.session.pace.lateness), gap=page.evaluate("xrGap"))
+        until(page, f"quasirigid.drawing.bodies[0].position.z > {0.04 + LIFT - 0.012}")
         until(page, "quasirigid.board.said.includes('Held')")
         move(page, PUT_DOWN)
         gap = page.evaluate("xrGap")
@@ -177,11 +192,11 @@ def test_synthetic_hand_joints_pinch_and_lift_the_box(browser: Any, emulator: st
         assert page.strangers == []
     summary = running.finish()
     assert summary["hand"] == side
+    assert summary["stream"]["malformed"] == 0
+    check_lift(summary["lifted_m"], late=1e-3 * summary["step_lateness_ms"]["max"], gap=gap)
     assert summary["held"], summary
     assert not summary["dropped"], summary
     assert summary["put_down"], summary
-    assert summary["stream"]["malformed"] == 0
-    check_lift(summary, gap)
 
 
 def test_from_the_command_line_to_the_summary(browser: Any, emulator: str, tmp_path: Path) -> None:
@@ -197,7 +212,7 @@ def test_from_the_command_line_to_the_summary(browser: Any, emulator: str, tmp_p
         "--dt",
         "0.004",
         "--idle",
-        "8",
+        "60",
         "--json",
     ]
     command += ["--loss-hold", "5", "--out", str(tmp_path)]
@@ -216,17 +231,18 @@ def test_from_the_command_line_to_the_summary(browser: Any, emulator: str, tmp_p
                 gap = page.evaluate("xrGap")
                 page.wait_for_timeout(300)
                 assert page.strangers == []
+            program.send_signal(signal.SIGINT)
             out, err = program.communicate()
         finally:
             watchdog.cancel()
             program.kill()
     assert program.returncode == 0, err
     summary = json.loads(out)
+    assert json.loads((tmp_path / "summary.json").read_text()) == summary
+    assert (tmp_path / "recording.h5").stat().st_size > 100_000
+    check_lift(summary["lifted_m"], late=1e-3 * summary["step_lateness_ms"]["max"], gap=gap)
     assert summary["held"], summary
     assert not summary["dropped"], summary
-    assert json.loads((tmp_path / "summary.json").read_text())["held"]
-    assert (tmp_path / "recording.h5").stat().st_size > 100_000
-    check_lift(summary, gap)
 
 
 def test_in_the_room_of_the_person_nothing_hides_it(browser: Any, emulator: str, running: Running) -> None:
@@ -265,12 +281,12 @@ def test_a_pinch_of_the_other_hand_for_two_seconds_puts_the_table_before_the_per
         page.evaluate("resting.updatePinchValue(1)")
         page.wait_for_timeout(1000)
         page.evaluate("resting.updatePinchValue(0)")
-        page.wait_for_timeout(1500)
+        page.wait_for_timeout(1200)
         assert page.evaluate("quasirigid.status.recentred") == 0, "one second is not two"
         page.evaluate("resting.updatePinchValue(1)")
         until(page, "quasirigid.status.recentred === 1")
         wait_until(lambda: running.server.placement.position != TABLE, "the server to know")
-        page.wait_for_timeout(2500)
+        page.wait_for_timeout(2200)
         assert page.evaluate("quasirigid.status.recentred") == 1, "once per pinch"
         x, y, z = running.server.placement.position
         assert x == pytest.approx(0.5 + AHEAD, abs=0.06)  # eyes are some centimetres apart
@@ -282,34 +298,40 @@ def test_a_pinch_of_the_other_hand_for_two_seconds_puts_the_table_before_the_per
 
 
 @pytest.mark.parametrize("running", [{"idle": 30.0}], indirect=True)
-@pytest.mark.parametrize("how", ["the headset is taken off", "the connection breaks", "the page is loaded again"])
-def test_the_session_goes_on_when_the_hand_goes_and_returns(browser: Any, emulator: str, running: Running, how: str) -> None:
+def test_the_session_goes_on_when_the_hand_goes_and_returns(browser: Any, emulator: str, running: Running) -> None:
+    def taken_off(page: Any) -> None:
+        press(page, "#leave")
+        until(page, "quasirigid.status.session === null")
+        page.wait_for_timeout(500)
+        press(page, "#vr")
+
+    def broken(page: Any) -> None:
+        page.evaluate("window.broken = quasirigid.socket; broken.close()")
+        until(page, "quasirigid.socket !== broken && quasirigid.status.connected")
+
+    def loaded_again(page: Any) -> None:
+        page.reload()
+        press(page, "#vr")
+
     with open_page(browser, running.server.address[1], with_device(emulator)) as page:
         enter(page, running)
         move(page, TAKE)
-        move(page, RAISE)
-        wait_until(lambda: running.lifted > 0.2 * LIFT, "the box to be lifted")
-        before = running.session.world.steps
-        if how == "the page is loaded again":
-            page.reload()
-            press(page, "#vr")
-        elif how == "the connection breaks":
-            page.evaluate("window.broken = quasirigid.socket; broken.close()")
-            until(page, "quasirigid.socket !== broken && quasirigid.status.connected")
-        else:
-            press(page, "#leave")
-            until(page, "quasirigid.status.session === null")
-            page.wait_for_timeout(1000)
-            press(page, "#vr")
-        until(page, IN_VR + " && quasirigid.status.writer === true")
-        assert running.session.world.steps > before, "the simulation goes on"
-        # With nobody there the box came down, on the table or beside it. The hand is caught again, and may do as it likes.
-        move(page, [[0.0, *READY], [0.3, *READY]])
-        coupling = running.session.coupling
-        assert coupling is not None
-        wanted = Y + READY[1] - Y - TABLE[1] + 0.04  # of the tip of the thumb, world
-        wait_until(lambda: abs(coupling.pads[0].position[2] - wanted) < 0.02, f"the thumb's pad to be at {wanted:.3f} m again")
+        for go, height in ((taken_off, 0.16), (broken, 0.10), (loaded_again, 0.22)):
+            go(page)
+            until(page, IN_VR + " && quasirigid.status.writer === true")
+            # It let go of the box, or took it along. It is caught again, and goes where it likes.
+            there = [X, Y + height, Z + 0.03, 0]
+            move(page, [[0.0, *there], [0.3, *there]])
+            thumb_at(running, height, go.__name__)
         assert page.strangers == []
+
+
+def thumb_at(running: Running, height: float, when: str) -> None:
+    """Waits until the simulated thumb is where it should be if the hand is ``height`` above the table, m."""
+    coupling = running.session.coupling
+    assert coupling is not None
+    wanted = height + 0.04
+    wait_until(lambda: abs(coupling.pads[0].position[2] - wanted) < 0.01, f"{when}: the thumb's pad to be at {wanted:.3f} m")
 
 
 def test_two_pages_show_the_same_and_one_of_them_holds_the_hand(browser: Any, emulator: str, running: Running) -> None:
@@ -319,8 +341,12 @@ def test_two_pages_show_the_same_and_one_of_them_holds_the_hand(browser: Any, em
         press(second, "#vr")
         until(second, "quasirigid.status.writer === false")
         assert second.evaluate("!document.querySelector('#standing').hidden"), "the page says that another one holds the hand"
-        move(first, TAKE)
-        move(first, RAISE)
-        wait_until(lambda: running.lifted > 0.2 * LIFT, "the box to be lifted")
-        until(second, f"quasirigid.drawing.bodies[0].position.z > {0.04 + 0.15 * LIFT}")
+        for height in (0.20, 0.08):
+            there = [X, Y + height, Z + 0.03, 0]
+            move(first, [[0.0, *there], [0.3, *there]])
+            thumb_at(running, height, "two pages")
+            for page in (first, second):
+                until(
+                    page, f"Math.abs(quasirigid.drawing.bodies.find(({{name}}) => name === 'thumb').position.z - {height + 0.04}) < 0.012"
+                )
         assert running.server.statistics()["refused"] > 0

@@ -24,7 +24,7 @@ window.xrDevice = (open, closed, side = 'right') => {
 
 // keys: [seconds, x, y, z, pinch], room; between them the hand moves with minimum jerk, in the time of the simulation that the page shows. A busy
 // machine draws few frames and simulates slowly: there the motion is slower, not coarser.
-const LONGEST = 0.03; // s between two frames
+const LONGEST = 0.02; // s between two frames
 
 window.xrGap = 0; // the longest time between two places of the hand, s
 window.xrMove = (keys) => {

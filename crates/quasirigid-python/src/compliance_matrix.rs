@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use quasirigid::math::Real;
 use std::sync::Arc;
 
-/// A user's own compliance over the control points of one surface, checked.
+#[doc = doc!("ComplianceMatrix")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct ComplianceMatrix {
     pub(crate) engine: Arc<quasirigid::surface::ComplianceMatrix>,
@@ -22,6 +22,7 @@ impl ComplianceMatrix {
         Ok(Self { engine: Arc::new(engine) })
     }
 
+    #[doc = doc!("ComplianceMatrix.matrix")]
     #[getter]
     fn matrix<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
         let n = 3 * self.engine.control_points();
@@ -29,11 +30,13 @@ impl ComplianceMatrix {
         conv::rows(py, (0..n * n).map(entry).collect(), n)
     }
 
+    #[doc = doc!("ComplianceMatrix.asymmetry")]
     #[getter]
     fn asymmetry(&self) -> Real {
         self.engine.asymmetry()
     }
 
+    #[doc = doc!("ComplianceMatrix.__len__")]
     fn __len__(&self) -> usize {
         self.engine.control_points()
     }

@@ -7,7 +7,7 @@ use quasirigid::collision::Contact;
 use quasirigid::gauss_seidel::Delassus;
 use quasirigid::math::{Mat3, Real, Vec3};
 
-/// Values of `Contacts.status`.
+#[doc = doc!("ContactStatus")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct ContactStatus;
 
@@ -24,7 +24,7 @@ impl ContactStatus {
     const Slip: u8 = 2;
 }
 
-/// The contacts of the last step as a struct of arrays; row i of every array is contact i.
+#[doc = doc!("Contacts")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct Contacts {
     points: Vec<Vec3>,
@@ -64,71 +64,85 @@ impl Contacts {
 
 #[pymethods]
 impl Contacts {
+    #[doc = doc!("Contacts.points")]
     #[getter]
     fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
         conv::from_points(py, self.points.iter().copied())
     }
 
+    #[doc = doc!("Contacts.normals")]
     #[getter]
     fn normals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
         conv::from_points(py, self.frames.iter().map(|e| e.column(0).into_owned()))
     }
 
+    #[doc = doc!("Contacts.frames")]
     #[getter]
     fn frames<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<Real>>> {
         conv::from_matrices(py, self.frames.iter().copied())
     }
 
+    #[doc = doc!("Contacts.gaps")]
     #[getter]
     fn gaps<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
         conv::from_vec(py, self.gaps.clone())
     }
 
+    #[doc = doc!("Contacts.reactions")]
     #[getter]
     fn reactions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
         conv::from_points(py, self.reactions.iter().copied())
     }
 
+    #[doc = doc!("Contacts.forces")]
     #[getter]
     fn forces<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
         conv::from_points(py, self.frames.iter().zip(&self.reactions).map(|(e, f)| e * f))
     }
 
+    #[doc = doc!("Contacts.areas")]
     #[getter]
     fn areas<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
         conv::from_vec(py, self.areas.clone())
     }
 
+    #[doc = doc!("Contacts.pressures")]
     #[getter]
     fn pressures<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
         conv::from_vec(py, self.reactions.iter().zip(&self.areas).map(|(f, area)| f.x / area).collect())
     }
 
+    #[doc = doc!("Contacts.friction")]
     #[getter]
     fn friction<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
         conv::from_vec(py, self.friction.clone())
     }
 
+    #[doc = doc!("Contacts.friction_ratio")]
     #[getter]
     fn friction_ratio<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
         conv::from_vec(py, self.friction_ratio.clone())
     }
 
+    #[doc = doc!("Contacts.status")]
     #[getter]
     fn status<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u8>> {
         conv::from_vec(py, self.status.clone())
     }
 
+    #[doc = doc!("Contacts.body_a")]
     #[getter]
     fn body_a<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
         conv::from_vec(py, self.body_a.clone())
     }
 
+    #[doc = doc!("Contacts.body_b")]
     #[getter]
     fn body_b<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
         conv::from_vec(py, self.body_b.clone())
     }
 
+    #[doc = doc!("Contacts.control_point")]
     #[getter]
     fn control_point<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
         conv::from_vec(py, self.control_point.clone())

@@ -5,7 +5,11 @@
 
 use crate::errors::{OrRaise, to_py};
 use nalgebra as na;
-use numpy::{AllowTypeChange, Element, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayLikeDyn, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{
+    AllowTypeChange, Element, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayDescrMethods, PyArrayLikeDyn, PyArrayMethods,
+    PyUntypedArray, PyUntypedArrayMethods,
+};
+use pyo3::exceptions::PyOverflowError;
 use pyo3::prelude::*;
 use quasirigid::Error;
 use quasirigid::math::{Mat3, Pose, Real, Rot, Vec3};
@@ -14,9 +18,16 @@ use quasirigid::math::{Mat3, Pose, Real, Rot, Vec3};
 fn numbers(value: &Bound<'_, PyAny>, what: &str, shape: &str) -> PyResult<(Vec<Real>, Vec<usize>)> {
     let py = value.py();
     let got = |value: &Bound<'_, PyAny>| value.get_type().name().map_or_else(|_| "something else".into(), |name| name.to_string());
-    let array: PyArrayLikeDyn<'_, Real, AllowTypeChange> = value
-        .extract()
-        .map_err(|_| to_py(py, &Error::shape(what, format!("numbers of shape {shape}"), got(value), "give an array of real numbers")))?;
+    let refuse = |got: String| to_py(py, &Error::shape(what, format!("numbers of shape {shape}"), got, "give an array of real numbers"));
+    // To real numbers NumPy would also make texts, dates and complex numbers, without a word.
+    let plain = py.import("numpy")?.call_method1("asarray", (value,)).map_err(|_| refuse(got(value)))?;
+    let plain = plain.cast::<PyUntypedArray>()?;
+    match (plain.dtype().kind(), plain.ndim()) {
+        (b'b' | b'i' | b'u' | b'f', _) | (b'O', 1..) => {}
+        (_, 0) => return Err(refuse(got(value))),
+        _ => return Err(refuse(format!("{} of {}", got(value), plain.dtype()))),
+    }
+    let array: PyArrayLikeDyn<'_, Real, AllowTypeChange> = plain.extract().map_err(|_| refuse(got(value)))?;
     let numbers: Vec<Real> = array.as_array().iter().copied().collect();
     quasirigid::error::check_finite(what, &numbers).or_raise(py)?;
     Ok((numbers, array.shape().to_vec()))
@@ -32,6 +43,12 @@ fn wrong_shape(py: Python<'_>, what: &str, expected: &str, got: &[usize]) -> PyE
 pub fn vec3(value: &Bound<'_, PyAny>, what: &str) -> PyResult<Vec3> {
     let (x, shape) = numbers(value, what, "(3,)")?;
     if shape == [3] { Ok(Vec3::new(x[0], x[1], x[2])) } else { Err(wrong_shape(value.py(), what, "(3,)", &shape)) }
+}
+
+/// `(2,)`: of translation and of rotation.
+pub fn pair(value: &Bound<'_, PyAny>, what: &str) -> PyResult<(Real, Real)> {
+    let (x, shape) = numbers(value, what, "(2,)")?;
+    if shape == [2] { Ok((x[0], x[1])) } else { Err(wrong_shape(value.py(), what, "(2,)", &shape)) }
 }
 
 /// `(3, 3)`.
@@ -77,7 +94,10 @@ pub fn quaternion(value: &Bound<'_, PyAny>, what: &str) -> PyResult<Rot> {
     if shape != [4] {
         return Err(wrong_shape(value.py(), what, "(4,)", &shape));
     }
-    Rot::try_new(na::Quaternion::new(x[0], x[1], x[2], x[3]), 1e-6).ok_or_else(|| {
+    // By its largest number first, so that the length of a very long one is not infinite.
+    let largest = x.iter().fold(0.0, |largest: Real, number| largest.max(number.abs()));
+    let turn = (largest > 1e-6).then(|| Rot::from_quaternion(na::Quaternion::new(x[0], x[1], x[2], x[3]) / largest));
+    turn.ok_or_else(|| {
         to_py(value.py(), &Error::value(what, "a quaternion (w, x, y, z) that is not zero", format!("{x:?}"), "(1, 0, 0, 0) does not turn"))
     })
 }
@@ -88,20 +108,46 @@ pub fn pose(position: &Bound<'_, PyAny>, turn: Option<&Bound<'_, PyAny>>, curren
     Ok(Pose::from_parts(vec3(position, "position")?.into(), rotation))
 }
 
+/// A whole number from Python, of whatever size: what is beyond 64 bits is kept as text, for the error that speaks of it.
+pub struct Whole(std::result::Result<i64, String>);
+
+impl From<i64> for Whole {
+    fn from(value: i64) -> Self {
+        Self(Ok(value))
+    }
+}
+
+impl<'py> FromPyObject<'_, 'py> for Whole {
+    type Error = PyErr;
+
+    fn extract(value: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        match value.extract::<i64>() {
+            Err(error) if error.is_instance_of::<PyOverflowError>(value.py()) => {
+                let digits = value.str().map_or_else(|_| String::new(), |text| text.to_string());
+                let short = (1..=40).contains(&digits.len());
+                Ok(Self(Err(if short { digits } else { "a number of very many digits".into() })))
+            }
+            number => number.map(|number| Self(Ok(number))),
+        }
+    }
+}
+
 /// A count from Python, where a negative number is possible.
-pub fn count(py: Python<'_>, what: &str, value: i64) -> PyResult<usize> {
-    usize::try_from(value).map_err(|_| to_py(py, &Error::value(what, "a whole number >= 0", value, "give a count")))
+pub fn count(py: Python<'_>, what: &str, value: Whole) -> PyResult<usize> {
+    let refuse = |got: String| to_py(py, &Error::value(what, "a whole number >= 0 that a machine can count to", got, "give a count"));
+    value.0.and_then(|number| usize::try_from(number).map_err(|_| number.to_string())).map_err(refuse)
 }
 
 /// A whole number from Python within `low` and `high`, where the type of the engine holds no others.
-pub fn within(py: Python<'_>, what: &str, value: i64, low: i64, high: i64) -> PyResult<i64> {
-    let refuse =
-        || to_py(py, &Error::value(what, format!("a whole number from {low} to {high}"), value, "give a number within this range"));
-    (low..=high).contains(&value).then_some(value).ok_or_else(refuse)
+pub fn within(py: Python<'_>, what: &str, value: Whole, low: i64, high: i64) -> PyResult<i64> {
+    let refuse = |got: String| {
+        to_py(py, &Error::value(what, format!("a whole number from {low} to {high}"), got, "give a number within this range"))
+    };
+    value.0.and_then(|number| if (low..=high).contains(&number) { Ok(number) } else { Err(number.to_string()) }).map_err(refuse)
 }
 
 /// A port of the network, from `low` on: 0 where the system may choose.
-pub fn port(py: Python<'_>, what: &str, value: i64, low: u16) -> PyResult<u16> {
+pub fn port(py: Python<'_>, what: &str, value: Whole, low: u16) -> PyResult<u16> {
     within(py, what, value, i64::from(low), i64::from(u16::MAX)).map(|port| port as u16)
 }
 

@@ -13,7 +13,7 @@ use quasirigid::body::friction::USUAL_STRIBECK_VELOCITY;
 use quasirigid::math::Real;
 use quasirigid::{Error, FrictionSide};
 
-/// Coulomb friction and what goes beyond it. Immutable.
+#[doc = doc!("Friction")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct Friction {
     pub(crate) engine: quasirigid::body::Friction,
@@ -23,7 +23,8 @@ pub struct Friction {
 impl Friction {
     #[new]
     #[allow(clippy::too_many_arguments)] // keyword arguments
-    #[pyo3(signature = (r#static, kinetic = None, *, stribeck_velocity = USUAL_STRIBECK_VELOCITY, viscous = 0.0, direction = None, ratio = None))]
+    #[pyo3(signature = (r#static, kinetic = None, *, stribeck_velocity = USUAL_STRIBECK_VELOCITY, viscous = 0.0, direction = None, ratio = None),
+           text_signature = "(static, kinetic=None, *, stribeck_velocity=1e-3, viscous=0.0, direction=None, ratio=None)")]
     fn new(
         py: Python<'_>,
         r#static: Real,
@@ -59,26 +60,31 @@ impl Friction {
         self.engine.kinetic_coefficient
     }
 
+    #[doc = doc!("Friction.stribeck_velocity")]
     #[getter]
     fn stribeck_velocity(&self) -> Real {
         self.engine.stribeck_velocity
     }
 
+    #[doc = doc!("Friction.viscous")]
     #[getter]
     fn viscous(&self) -> Real {
         self.engine.viscous_coefficient
     }
 
+    #[doc = doc!("Friction.direction")]
     #[getter]
     fn direction<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<Real>>> {
         self.engine.grain.map(|grain| conv::from_vec3(py, &grain.direction))
     }
 
+    #[doc = doc!("Friction.ratio")]
     #[getter]
     fn ratio(&self) -> Real {
         self.engine.grain.map_or(1.0, |grain| grain.ratio)
     }
 
+    #[doc = doc!("Friction.coefficient")]
     fn coefficient(&self, py: Python<'_>, speed: Real) -> PyResult<Real> {
         quasirigid::error::check_non_negative("speed", speed, "m/s").or_raise(py)?;
         Ok(self.engine.coefficient(speed))

@@ -10,7 +10,7 @@ use quasirigid::grip::GripState;
 use quasirigid::math::Real;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Closes a hand on whatever is between its fingers.
+#[doc = doc!("Grip")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct Grip {
     world: Py<World>,
@@ -30,6 +30,7 @@ impl Grip {
 
 #[pymethods]
 impl Grip {
+    #[doc = doc!("Grip.state")]
     #[getter]
     fn state(&self, py: Python<'_>) -> &'static str {
         match self.lock(py).state() {
@@ -43,6 +44,7 @@ impl Grip {
         }
     }
 
+    #[doc = doc!("Grip.squeeze")]
     #[getter]
     fn squeeze(&self, py: Python<'_>) -> Real {
         self.lock(py).squeeze()
@@ -53,26 +55,31 @@ impl Grip {
         self.lock(py).set_squeeze(value).or_raise(py)
     }
 
+    #[doc = doc!("Grip.forces")]
     fn forces<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
         let world = self.world.get().lock(py);
         let forces = self.lock(py).forces(&world).or_raise(py)?;
         Ok(conv::from_vec(py, forces))
     }
 
+    #[doc = doc!("Grip.update")]
     fn update(&self, py: Python<'_>) -> PyResult<()> {
         // Always the world first: one order of locks.
         let mut world = self.world.get().lock(py);
         self.lock(py).update(&mut world).or_raise(py)
     }
 
+    #[doc = doc!("Grip.hold")]
     fn hold(&self, py: Python<'_>) {
         self.lock(py).hold();
     }
 
+    #[doc = doc!("Grip.open")]
     fn open(&self, py: Python<'_>) {
         self.lock(py).open();
     }
 
+    #[doc = doc!("Grip.close")]
     fn close(&self, py: Python<'_>) {
         self.lock(py).close();
     }

@@ -21,7 +21,7 @@ const MOST_ITERATIONS: i64 = 100_000;
 /// Positions (fingers, 3) and quaternions (fingers, 4).
 type Poses<'py> = (Bound<'py, PyArray2<Real>>, Bound<'py, PyArray2<Real>>);
 
-/// An articulated hand in a world.
+#[doc = doc!("Hand")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct Hand {
     pub(crate) world: Py<World>,
@@ -68,7 +68,7 @@ impl Hand {
         Ok(())
     }
 
-    fn entry<T>(&self, py: Python<'_>, finger: i64, of: impl FnOnce(&BodyEntry) -> T) -> PyResult<T> {
+    fn entry<T>(&self, py: Python<'_>, finger: conv::Whole, of: impl FnOnce(&BodyEntry) -> T) -> PyResult<T> {
         let finger = conv::count(py, "finger", finger)?;
         self.read(py, |world, _| world.entry(world.finger_handle(self.handle, finger)?).map(of))
     }
@@ -81,18 +81,21 @@ impl Hand {
         self.read(py, |_, hand| Ok(hand.model.name().to_owned()))
     }
 
+    #[doc = doc!("Hand.position")]
     #[getter]
     fn position<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
         let base = self.read(py, |_, hand| Ok(hand.base))?;
         Ok(conv::from_vec3(py, &base.translation.vector))
     }
 
+    #[doc = doc!("Hand.quaternion")]
     #[getter]
     fn quaternion<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
         let base = self.read(py, |_, hand| Ok(hand.base))?;
         Ok(conv::from_rot(py, &base.rotation))
     }
 
+    #[doc = doc!("Hand.move_to")]
     #[pyo3(signature = (position, quaternion = None))]
     fn move_to(&self, py: Python<'_>, position: &Bound<'_, PyAny>, quaternion: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let current = self.read(py, |_, hand| Ok(hand.base.rotation))?;
@@ -110,17 +113,20 @@ impl Hand {
         self.read(py, |_, hand| Ok(hand.model.fingers().iter().map(|finger| finger.name().to_owned()).collect()))
     }
 
+    #[doc = doc!("Hand.body_indices")]
     #[getter]
     fn body_indices(&self, py: Python<'_>) -> PyResult<Vec<usize>> {
         self.read(py, |world, hand| hand.fingers.iter().map(|&finger| world.dense(finger)).collect())
     }
 
+    #[doc = doc!("Hand.quarantined")]
     #[getter]
     fn quarantined(&self, py: Python<'_>) -> PyResult<bool> {
         let states = self.read(py, |world, hand| hand.fingers.iter().map(|&finger| world.entry(finger).map(|e| e.quarantined)).collect());
         states.map(|states: Vec<bool>| states.contains(&true))
     }
 
+    #[doc = doc!("Hand.joint_positions")]
     #[getter]
     fn joint_positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
         self.table(py, Finger::joint_positions)
@@ -132,11 +138,13 @@ impl Hand {
         self.set_table(value, "joint_positions", Finger::set_joint_positions, check)
     }
 
+    #[doc = doc!("Hand.joint_velocities")]
     #[getter]
     fn joint_velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
         self.table(py, Finger::joint_velocities)
     }
 
+    #[doc = doc!("Hand.joint_targets")]
     #[getter]
     fn joint_targets<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
         self.table(py, Finger::joint_targets)
@@ -148,11 +156,13 @@ impl Hand {
         self.set_table(value, "joint_targets", Finger::set_joint_targets, |_, _| Ok(()))
     }
 
+    #[doc = doc!("Hand.joint_torques")]
     #[getter]
     fn joint_torques<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
         self.table(py, Finger::motor_torques)
     }
 
+    #[doc = doc!("Hand.tip_poses")]
     fn tip_poses<'py>(&self, py: Python<'py>) -> PyResult<Poses<'py>> {
         let poses: Vec<Pose> = self.read(py, |world, hand| {
             let tips = hand.model.tips().iter().enumerate();
@@ -162,6 +172,7 @@ impl Hand {
         Ok((conv::from_points(py, poses.iter().map(|p| p.translation.vector))?, conv::rows(py, turns, 4)?))
     }
 
+    #[doc = doc!("Hand.link_poses")]
     #[getter]
     fn link_poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<Real>>> {
         let (values, fingers, joints) = self.read(py, |world, hand| {
@@ -179,10 +190,11 @@ impl Hand {
         values.into_pyarray(py).reshape([fingers, joints, 7])
     }
 
+    #[doc = doc!("Hand.inverse_kinematics")]
     fn inverse_kinematics<'py>(
         &self,
         py: Python<'py>,
-        finger: i64,
+        finger: conv::Whole,
         position: &Bound<'_, PyAny>,
         normal: &Bound<'_, PyAny>,
     ) -> PyResult<Bound<'py, PyArray1<Real>>> {
@@ -202,17 +214,19 @@ impl Hand {
         })
     }
 
-    #[pyo3(signature = (finger, position, normal, *, start = None, angle_weight = 0.005, iterations = 20))]
+    #[doc = doc!("Hand.reach")]
+    #[pyo3(signature = (finger, position, normal, *, start = None, angle_weight = 0.005, iterations = 20.into()),
+           text_signature = "($self, finger, position, normal, *, start=None, angle_weight=0.005, iterations=20)")]
     #[allow(clippy::too_many_arguments)] // keyword arguments
     fn reach<'py>(
         &self,
         py: Python<'py>,
-        finger: i64,
+        finger: conv::Whole,
         position: &Bound<'_, PyAny>,
         normal: &Bound<'_, PyAny>,
         start: Option<&Bound<'_, PyAny>>,
         angle_weight: Real,
-        iterations: i64,
+        iterations: conv::Whole,
     ) -> PyResult<(Bound<'py, PyArray1<Real>>, Real)> {
         let finger = conv::count(py, "finger", finger)?;
         let goal = TipGoal::facing(conv::vec3(position, "position")?, conv::vec3(normal, "normal")?).or_raise(py)?;
@@ -228,28 +242,33 @@ impl Hand {
         Ok((conv::from_vec(py, joints), error))
     }
 
-    fn deformed_points<'py>(&self, py: Python<'py>, finger: i64) -> PyResult<Bound<'py, PyArray2<Real>>> {
+    #[doc = doc!("Hand.deformed_points")]
+    fn deformed_points<'py>(&self, py: Python<'py>, finger: conv::Whole) -> PyResult<Bound<'py, PyArray2<Real>>> {
         let points = self.entry(py, finger, deformed_points)?;
         conv::from_points(py, points)
     }
 
-    fn deformed_normals<'py>(&self, py: Python<'py>, finger: i64) -> PyResult<Bound<'py, PyArray2<Real>>> {
+    #[doc = doc!("Hand.deformed_normals")]
+    fn deformed_normals<'py>(&self, py: Python<'py>, finger: conv::Whole) -> PyResult<Bound<'py, PyArray2<Real>>> {
         let normals = self.entry(py, finger, deformed_normals)?;
         conv::from_points(py, normals)
     }
 
-    fn moved_points<'py>(&self, py: Python<'py>, finger: i64) -> PyResult<conv::Numbered<'py>> {
+    #[doc = doc!("Hand.moved_points")]
+    fn moved_points<'py>(&self, py: Python<'py>, finger: conv::Whole) -> PyResult<conv::Numbered<'py>> {
         let moved = self.entry(py, finger, moved_points)?;
         conv::from_numbered(py, moved)
     }
 
-    fn surface(&self, py: Python<'_>, finger: i64) -> PyResult<Option<Surface>> {
+    #[doc = doc!("Hand.surface")]
+    fn surface(&self, py: Python<'_>, finger: conv::Whole) -> PyResult<Option<Surface>> {
         self.entry(py, finger, surface)
     }
 
+    #[doc = doc!("Hand.material")]
     #[getter]
     fn material(&self, py: Python<'_>) -> PyResult<Option<Material>> {
-        self.entry(py, 0, material)
+        self.entry(py, 0.into(), material)
     }
 
     #[setter]
@@ -259,11 +278,13 @@ impl Hand {
         fingers.into_iter().try_for_each(|finger| world.set_material(finger, &value.engine)).or_raise(py)
     }
 
-    fn displacements<'py>(&self, py: Python<'py>, finger: i64) -> PyResult<Bound<'py, PyArray2<Real>>> {
+    #[doc = doc!("Hand.displacements")]
+    fn displacements<'py>(&self, py: Python<'py>, finger: conv::Whole) -> PyResult<Bound<'py, PyArray2<Real>>> {
         let values = self.entry(py, finger, displacements)?;
         conv::from_points(py, values)
     }
 
+    #[doc = doc!("Hand.grip")]
     #[pyo3(signature = (starts, directions, *, squeeze = 4.0, shares = None))]
     fn grip(
         &self,

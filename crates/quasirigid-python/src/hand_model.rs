@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use quasirigid::body::{FingerModel, JointModel};
 use quasirigid::math::Real;
 
-/// The constant part of a hand: fingers, joints, limits, gains.
+#[doc = doc!("HandModel")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct HandModel {
     pub(crate) engine: quasirigid::body::HandModel,
@@ -20,11 +20,13 @@ pub fn per_joint<'py>(py: Python<'py>, fingers: &[FingerModel], of: impl Fn(&Joi
 
 #[pymethods]
 impl HandModel {
+    #[doc = doc!("HandModel.three_finger")]
     #[staticmethod]
     fn three_finger(py: Python<'_>) -> PyResult<Self> {
         Ok(Self { engine: quasirigid::body::HandModel::three_finger().or_raise(py)? })
     }
 
+    #[doc = doc!("HandModel.with_gains")]
     fn with_gains(&self, py: Python<'_>, stiffness: Real, damping: Real) -> PyResult<Self> {
         Ok(Self { engine: self.engine.with_gains(stiffness, damping).or_raise(py)? })
     }
@@ -39,21 +41,25 @@ impl HandModel {
         self.engine.fingers().iter().map(FingerModel::name).collect()
     }
 
+    #[doc = doc!("HandModel.joint_names")]
     #[getter]
     fn joint_names(&self) -> Vec<&str> {
         self.engine.fingers()[0].joints().iter().map(|joint| joint.name.as_str()).collect()
     }
 
+    #[doc = doc!("HandModel.lower_limits")]
     #[getter]
     fn lower_limits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
         per_joint(py, self.engine.fingers(), |joint| joint.lower)
     }
 
+    #[doc = doc!("HandModel.upper_limits")]
     #[getter]
     fn upper_limits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
         per_joint(py, self.engine.fingers(), |joint| joint.upper)
     }
 
+    #[doc = doc!("HandModel.pad_semi_axes")]
     #[getter]
     fn pad_semi_axes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
         conv::from_vec3(py, &self.engine.tips()[0].pad_semi_axes)

@@ -8,7 +8,7 @@ use quasirigid::Error;
 use quasirigid::body::Amount;
 use quasirigid::math::Real;
 
-/// Mass, centre of mass and inertia of a rigid body.
+#[doc = doc!("MassProperties")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct MassProperties {
     pub(crate) engine: quasirigid::body::MassProperties,
@@ -39,6 +39,7 @@ impl MassProperties {
         quasirigid::body::MassProperties::new(mass, centre, inertia).map(Self::from).or_raise(py)
     }
 
+    #[doc = doc!("MassProperties.box")]
     #[staticmethod]
     #[pyo3(name = "box", signature = (size, *, mass = None, density = None))]
     fn cuboid(py: Python<'_>, size: &Bound<'_, PyAny>, mass: Option<Real>, density: Option<Real>) -> PyResult<Self> {
@@ -46,39 +47,46 @@ impl MassProperties {
         quasirigid::body::MassProperties::cuboid(size, amount(py, mass, density)?).map(Self::from).or_raise(py)
     }
 
+    #[doc = doc!("MassProperties.sphere")]
     #[staticmethod]
     #[pyo3(signature = (radius, *, mass = None, density = None))]
     fn sphere(py: Python<'_>, radius: Real, mass: Option<Real>, density: Option<Real>) -> PyResult<Self> {
         quasirigid::body::MassProperties::sphere(radius, amount(py, mass, density)?).map(Self::from).or_raise(py)
     }
 
+    #[doc = doc!("MassProperties.capsule")]
     #[staticmethod]
     #[pyo3(signature = (radius, length, *, mass = None, density = None))]
     fn capsule(py: Python<'_>, radius: Real, length: Real, mass: Option<Real>, density: Option<Real>) -> PyResult<Self> {
         quasirigid::body::MassProperties::capsule(radius, length, amount(py, mass, density)?).map(Self::from).or_raise(py)
     }
 
+    #[doc = doc!("MassProperties.cylinder")]
     #[staticmethod]
     #[pyo3(signature = (radius, length, *, mass = None, density = None))]
     fn cylinder(py: Python<'_>, radius: Real, length: Real, mass: Option<Real>, density: Option<Real>) -> PyResult<Self> {
         quasirigid::body::MassProperties::cylinder(radius, length, amount(py, mass, density)?).map(Self::from).or_raise(py)
     }
 
+    #[doc = doc!("MassProperties.mass")]
     #[getter]
     fn mass(&self) -> Real {
         self.engine.mass()
     }
 
+    #[doc = doc!("MassProperties.centre")]
     #[getter]
     fn centre<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
         conv::from_vec3(py, self.engine.center_of_mass())
     }
 
+    #[doc = doc!("MassProperties.inertia")]
     #[getter]
     fn inertia<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
         conv::from_mat3(py, self.engine.inertia())
     }
 
+    #[doc = doc!("MassProperties.scaled_to_mass")]
     fn scaled_to_mass(&self, py: Python<'_>, mass: Real) -> PyResult<Self> {
         self.engine.scaled_to_mass(mass).map(Self::from).or_raise(py)
     }

@@ -8,7 +8,7 @@ use quasirigid::Error;
 use quasirigid::body::ComplianceModel;
 use quasirigid::math::Real;
 
-/// What a surface is made of. Immutable; `replace` gives a changed copy.
+#[doc = doc!("Material")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct Material {
     pub(crate) engine: quasirigid::body::Material,
@@ -33,16 +33,19 @@ fn model(value: &Bound<'_, PyAny>, material: &quasirigid::body::Material) -> PyR
 
 #[pymethods]
 impl Material {
+    #[doc = doc!("Material.preset")]
     #[staticmethod]
     fn preset(py: Python<'_>, name: &str) -> PyResult<Self> {
         Ok(Self { engine: quasirigid::body::Material::preset(name).or_raise(py)? })
     }
 
+    #[doc = doc!("Material.preset_names")]
     #[staticmethod]
     fn preset_names() -> Vec<&'static str> {
         quasirigid::body::Material::preset_names().collect()
     }
 
+    #[doc = doc!("Material.replace")]
     #[allow(clippy::too_many_arguments)] // keyword arguments, one for each field
     #[pyo3(signature = (*, name = None, density = None, friction = None, young_modulus = None, poisson_ratio = None, layer_thickness = None,
                         relaxation_time = None, compliance = None))]
@@ -80,41 +83,49 @@ impl Material {
         &self.engine.name
     }
 
+    #[doc = doc!("Material.density")]
     #[getter]
     fn density(&self) -> Real {
         self.engine.density
     }
 
+    #[doc = doc!("Material.friction")]
     #[getter]
     fn friction(&self) -> Real {
         self.engine.friction.static_coefficient
     }
 
+    #[doc = doc!("Material.friction_law")]
     #[getter]
     fn friction_law(&self) -> Friction {
         Friction { engine: self.engine.friction }
     }
 
+    #[doc = doc!("Material.young_modulus")]
     #[getter]
     fn young_modulus(&self) -> Real {
         self.engine.young_modulus
     }
 
+    #[doc = doc!("Material.poisson_ratio")]
     #[getter]
     fn poisson_ratio(&self) -> Real {
         self.engine.poisson_ratio
     }
 
+    #[doc = doc!("Material.layer_thickness")]
     #[getter]
     fn layer_thickness(&self) -> Real {
         self.engine.layer_thickness
     }
 
+    #[doc = doc!("Material.relaxation_time")]
     #[getter]
     fn relaxation_time(&self) -> Real {
         self.engine.relaxation_time
     }
 
+    #[doc = doc!("Material.compliance")]
     #[getter]
     fn compliance(&self) -> &'static str {
         match self.engine.model {
@@ -124,6 +135,7 @@ impl Material {
         }
     }
 
+    #[doc = doc!("Material.compliance_matrix")]
     #[getter]
     fn compliance_matrix(&self) -> Option<ComplianceMatrix> {
         match &self.engine.model {

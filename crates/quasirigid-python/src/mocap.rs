@@ -68,7 +68,7 @@ pub(crate) fn pair(address: SocketAddr) -> (String, u16) {
     (address.ip().to_string(), address.port())
 }
 
-/// One datagram.
+#[doc = doc!("Packet")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct Packet {
     pub(crate) packet: mocap::dtrack::Packet,
@@ -103,6 +103,7 @@ pub(crate) fn parse(py: Python<'_>, bytes: &[u8]) -> PyResult<mocap::dtrack::Pac
 
 #[pymethods]
 impl Packet {
+    #[doc = doc!("Packet.parse")]
     #[staticmethod]
     #[pyo3(signature = (data, arrival = 0.0))]
     fn parse(py: Python<'_>, data: &[u8], arrival: f64) -> PyResult<Self> {
@@ -110,31 +111,37 @@ impl Packet {
         Ok(Self { packet: parse(py, data)?, arrival, bytes: data.to_vec(), from: None, order: None })
     }
 
+    #[doc = doc!("Packet.frame")]
     #[getter]
     fn frame(&self) -> u32 {
         self.packet.frame
     }
 
+    #[doc = doc!("Packet.time")]
     #[getter]
     fn time(&self) -> Option<f64> {
         self.packet.time()
     }
 
+    #[doc = doc!("Packet.arrival")]
     #[getter]
     fn arrival(&self) -> f64 {
         self.arrival
     }
 
+    #[doc = doc!("Packet.data")]
     #[getter]
     fn data<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
         PyBytes::new(py, &self.bytes)
     }
 
+    #[doc = doc!("Packet.sender")]
     #[getter]
     fn sender(&self) -> Option<(String, u16)> {
         self.from.map(pair)
     }
 
+    #[doc = doc!("Packet.order")]
     #[getter]
     fn order(&self) -> Option<&'static str> {
         self.order.map(|order| match order {
@@ -145,12 +152,14 @@ impl Packet {
         })
     }
 
+    #[doc = doc!("Packet.bodies")]
     #[getter]
     fn bodies(&self) -> BTreeMap<u32, [f64; 3]> {
         let seen = self.packet.bodies.iter().flatten().filter(|body| body.is_tracked());
         seen.map(|body| (body.id, mocap::hands::pose_from_placement(&body.placement).translation.vector.into())).collect()
     }
 
+    #[doc = doc!("Packet.hands")]
     #[getter]
     fn hands(&self) -> Vec<(u32, &'static str, Vec<bool>)> {
         let hand = |hand: &mocap::dtrack::Hand| {
@@ -159,6 +168,7 @@ impl Packet {
         self.packet.hands.iter().flatten().map(hand).collect()
     }
 
+    #[doc = doc!("Packet.counts")]
     fn counts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let (p, dict) = (&self.packet, PyDict::new(py));
         let counts = [
@@ -227,7 +237,7 @@ pub(crate) fn figures<'py>(py: Python<'py>, s: &mocap::Statistics) -> PyResult<B
     Ok(dict)
 }
 
-/// An open port.
+#[doc = doc!("Receiver")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct Receiver {
     // Written to close it; all else only reads, so that nobody waits for one who waits.
@@ -238,8 +248,16 @@ pub struct Receiver {
 #[pymethods]
 impl Receiver {
     #[new]
-    #[pyo3(signature = (connection = "5000", *, bind = "0.0.0.0", interface = "0.0.0.0", max_bytes = 32_768, controller_port = 50_107))]
-    fn new(py: Python<'_>, connection: &str, bind: &str, interface: &str, max_bytes: i64, controller_port: i64) -> PyResult<Self> {
+    #[pyo3(signature = (connection = "5000", *, bind = "0.0.0.0", interface = "0.0.0.0", max_bytes = 32_768.into(), controller_port = 50_107.into()),
+           text_signature = "(connection='5000', *, bind='0.0.0.0', interface='0.0.0.0', max_bytes=32768, controller_port=50107)")]
+    fn new(
+        py: Python<'_>,
+        connection: &str,
+        bind: &str,
+        interface: &str,
+        max_bytes: conv::Whole,
+        controller_port: conv::Whole,
+    ) -> PyResult<Self> {
         let (bind, interface) = (address(py, "bind", bind)?, address(py, "interface", interface)?);
         let (max_bytes, controller_port) =
             (conv::count(py, "max_bytes", max_bytes)?, conv::port(py, "controller_port", controller_port, 1)?);
@@ -249,15 +267,18 @@ impl Receiver {
         Ok(Self { address: receiver.address(), receiver: RwLock::new(receiver) })
     }
 
+    #[doc = doc!("Receiver.address")]
     #[getter]
     fn address(&self) -> (String, u16) {
         pair(self.address)
     }
 
+    #[doc = doc!("Receiver.now")]
     fn now(&self, py: Python<'_>) -> f64 {
         read(py, &self.receiver).now()
     }
 
+    #[doc = doc!("Receiver.wait")]
     fn wait(&self, py: Python<'_>, timeout: f64) -> PyResult<bool> {
         let end = std::time::Instant::now() + duration(py, "timeout", timeout)?;
         loop {
@@ -275,21 +296,25 @@ impl Receiver {
         }
     }
 
+    #[doc = doc!("Receiver.take")]
     fn take(&self, py: Python<'_>) -> Vec<Packet> {
         let taken = py.detach(|| read_detached(&self.receiver).take());
         taken.iter().map(|received| Packet::received(received)).collect()
     }
 
+    #[doc = doc!("Receiver.latest")]
     #[getter]
     fn latest(&self, py: Python<'_>) -> Option<Packet> {
         let latest: Option<Arc<mocap::Received>> = py.detach(|| read_detached(&self.receiver).latest());
         latest.map(|received| Packet::received(&received))
     }
 
+    #[doc = doc!("Receiver.statistics")]
     fn statistics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         figures(py, &py.detach(|| read_detached(&self.receiver).statistics()))
     }
 
+    #[doc = doc!("Receiver.close")]
     fn close(&self, py: Python<'_>) {
         py.detach(|| self.receiver.write().unwrap_or_else(PoisonError::into_inner).close());
     }

@@ -44,7 +44,7 @@ fn quaternions<'py>(py: Python<'py>, poses: &[Option<Pose>; PARTS]) -> PyResult<
     conv::rows(py, poses.iter().flat_map(|p| p.map_or([f64::NAN; 4], wxyz)).collect(), 4)
 }
 
-/// One hand at one moment.
+#[doc = doc!("HandFrame")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct HandFrame {
     pub(crate) frame: mocap::HandFrame,
@@ -125,11 +125,13 @@ impl HandFrame {
         self.frame.side.name()
     }
 
+    #[doc = doc!("HandFrame.time")]
     #[getter]
     fn time(&self) -> f64 {
         self.frame.time
     }
 
+    #[doc = doc!("HandFrame.arrival")]
     #[getter]
     fn arrival(&self) -> f64 {
         self.frame.arrival
@@ -140,6 +142,7 @@ impl HandFrame {
         self.frame.source.name()
     }
 
+    #[doc = doc!("HandFrame.frame")]
     #[getter]
     fn frame(&self) -> &'static str {
         match self.frame.frame {
@@ -148,31 +151,37 @@ impl HandFrame {
         }
     }
 
+    #[doc = doc!("HandFrame.positions")]
     #[getter]
     fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         positions(py, &self.poses())
     }
 
+    #[doc = doc!("HandFrame.quaternions")]
     #[getter]
     fn quaternions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         quaternions(py, &self.poses())
     }
 
+    #[doc = doc!("HandFrame.pad_radii")]
     #[getter]
     fn pad_radii<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         conv::from_vec(py, self.parts().iter().map(|part| part.map_or(f64::NAN, |(_, radius, _)| radius)).collect())
     }
 
+    #[doc = doc!("HandFrame.tracked")]
     #[getter]
     fn tracked<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
         conv::from_vec(py, self.poses().iter().map(Option::is_some).collect())
     }
 
+    #[doc = doc!("HandFrame.present")]
     #[getter]
     fn present<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
         conv::from_vec(py, self.parts().iter().map(Option::is_some).collect())
     }
 
+    #[doc = doc!("HandFrame.transformed")]
     fn transformed(&self, calibration: &Calibration) -> Self {
         Self { frame: self.frame.transformed(&calibration.calibration.world_from_tracker) }
     }
@@ -184,7 +193,7 @@ impl HandFrame {
     }
 }
 
-/// Makes frames of one hand from packets.
+#[doc = doc!("HandDecoder")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct HandDecoder {
     decoder: Mutex<mocap::HandDecoder>,
@@ -213,12 +222,13 @@ impl HandDecoder {
         lock(py, &self.decoder).side().name()
     }
 
+    #[doc = doc!("HandDecoder.decode")]
     pub fn decode(&self, py: Python<'_>, packet: &Packet) -> Option<HandFrame> {
         lock(py, &self.decoder).decode(&packet.packet, packet.arrival).map(|frame| HandFrame { frame })
     }
 }
 
-/// Rigid transform from tracker to world.
+#[doc = doc!("Calibration")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct Calibration {
     calibration: mocap::Calibration,
@@ -235,44 +245,51 @@ impl Calibration {
         Ok(Self { calibration: mocap::Calibration { world_from_tracker, residual: None } })
     }
 
+    #[doc = doc!("Calibration.read")]
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         mocap::Calibration::read(&path).or_raise(py).map(|calibration| Self { calibration })
     }
 
+    #[doc = doc!("Calibration.write")]
     fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         self.calibration.write(&path).or_raise(py)
     }
 
+    #[doc = doc!("Calibration.from_three_points")]
     #[staticmethod]
     fn from_three_points(origin: &Bound<'_, PyAny>, on_x: &Bound<'_, PyAny>, in_plane: &Bound<'_, PyAny>) -> PyResult<Self> {
         let points = (conv::vec3(origin, "origin")?, conv::vec3(on_x, "on_x")?, conv::vec3(in_plane, "in_plane")?);
         mocap::Calibration::from_three_points(points.0, points.1, points.2).or_raise(origin.py()).map(|calibration| Self { calibration })
     }
 
+    #[doc = doc!("Calibration.from_points")]
     #[staticmethod]
     fn from_points(tracker: &Bound<'_, PyAny>, world: &Bound<'_, PyAny>) -> PyResult<Self> {
         let (from, to) = (conv::points(tracker, "tracker")?, conv::points(world, "world")?);
         mocap::Calibration::from_points(&from, &to).or_raise(tracker.py()).map(|calibration| Self { calibration })
     }
 
+    #[doc = doc!("Calibration.position")]
     #[getter]
     fn position<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         conv::from_vec3(py, &self.calibration.world_from_tracker.translation.vector)
     }
 
+    #[doc = doc!("Calibration.quaternion")]
     #[getter]
     fn quaternion<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         conv::from_rot(py, &self.calibration.world_from_tracker.rotation)
     }
 
+    #[doc = doc!("Calibration.residual")]
     #[getter]
     fn residual(&self) -> Option<f64> {
         self.calibration.residual
     }
 }
 
-/// Takes frames when they come, gives targets when they are needed.
+#[doc = doc!("HandTracker")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct HandTracker {
     tracker: Mutex<mocap::HandTracker>,
@@ -298,11 +315,13 @@ impl HandTracker {
         Ok(Self { tracker: Mutex::new(tracker) })
     }
 
+    #[doc = doc!("HandTracker.push")]
     fn push(&self, py: Python<'_>, frame: &HandFrame) -> PyResult<()> {
         let pushed = lock(py, &self.tracker).push(&frame.frame);
         pushed.or_raise(py)
     }
 
+    #[doc = doc!("HandTracker.sample")]
     fn sample(&self, py: Python<'_>, now: f64) -> PyResult<Option<HandTargets>> {
         mocap::error::check_within("now", now, -1e12, 1e12, "s").or_raise(py)?;
         let targets = lock(py, &self.tracker).sample(now);
@@ -314,13 +333,14 @@ impl HandTracker {
         lock(py, &self.tracker).side().name()
     }
 
+    #[doc = doc!("HandTracker.delay")]
     #[getter]
     fn delay(&self, py: Python<'_>) -> f64 {
         lock(py, &self.tracker).delay()
     }
 }
 
-/// A hand at the moment it was asked for.
+#[doc = doc!("HandTargets")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct HandTargets {
     targets: mocap::HandTargets,
@@ -342,36 +362,43 @@ impl HandTargets {
 
 #[pymethods]
 impl HandTargets {
+    #[doc = doc!("HandTargets.positions")]
     #[getter]
     fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         positions(py, &self.parts().map(|part| part.map(|t| t.pose)))
     }
 
+    #[doc = doc!("HandTargets.quaternions")]
     #[getter]
     fn quaternions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         quaternions(py, &self.parts().map(|part| part.map(|t| t.pose)))
     }
 
+    #[doc = doc!("HandTargets.linear_velocities")]
     #[getter]
     fn linear_velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         self.vectors(py, |t| t.linear_velocity)
     }
 
+    #[doc = doc!("HandTargets.angular_velocities")]
     #[getter]
     fn angular_velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         self.vectors(py, |t| t.angular_velocity)
     }
 
+    #[doc = doc!("HandTargets.weights")]
     #[getter]
     fn weights<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.column(py, 0.0, |t| t.weight)
     }
 
+    #[doc = doc!("HandTargets.pad_radii")]
     #[getter]
     fn pad_radii<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.column(py, f64::NAN, |t| t.pad_radius)
     }
 
+    #[doc = doc!("HandTargets.states")]
     #[getter]
     fn states(&self) -> Vec<&'static str> {
         let name = |state| match state {
@@ -383,11 +410,13 @@ impl HandTargets {
         self.parts().iter().map(|part| part.map_or("absent", |t| name(t.state))).collect()
     }
 
+    #[doc = doc!("HandTargets.delay")]
     #[getter]
     fn delay(&self) -> f64 {
         self.targets.delay
     }
 
+    #[doc = doc!("HandTargets.time")]
     #[getter]
     fn time(&self) -> f64 {
         self.targets.time

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError, RwLock};
 use std::time::Duration;
 
-/// A recorded take.
+#[doc = doc!("Take")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct Take {
     take: mocap::Take,
@@ -20,19 +20,23 @@ pub struct Take {
 
 #[pymethods]
 impl Take {
+    #[doc = doc!("Take.read")]
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         py.detach(|| mocap::Take::read(&path)).or_raise(py).map(|take| Self { take })
     }
 
+    #[doc = doc!("Take.pinch")]
     #[staticmethod]
-    #[pyo3(signature = (*, seed = 1, rate = 60.0, noise = 3e-4, tremor = 1.5e-4, side = "right"))]
-    fn pinch(py: Python<'_>, seed: i64, rate: f64, noise: f64, tremor: f64, side: &str) -> PyResult<Self> {
+    #[pyo3(signature = (*, seed = 1.into(), rate = 60.0, noise = 3e-4, tremor = 1.5e-4, side = "right"),
+           text_signature = "(*, seed=1, rate=60.0, noise=3e-4, tremor=1.5e-4, side='right')")]
+    fn pinch(py: Python<'_>, seed: conv::Whole, rate: f64, noise: f64, tremor: f64, side: &str) -> PyResult<Self> {
         let seed = conv::within(py, "seed", seed, 0, i64::MAX)? as u64;
         let options = mocap::synthetic::PinchOptions { seed, rate, noise, tremor, side: named_side(py, side)? };
         mocap::synthetic::pinch_take(&options).or_raise(py).map(|take| Self { take })
     }
 
+    #[doc = doc!("Take.write")]
     fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| self.take.write(&path)).or_raise(py)
     }
@@ -42,26 +46,31 @@ impl Take {
         self.take.packets.iter().map(|taken| Packet::taken(py, taken)).collect()
     }
 
+    #[doc = doc!("Take.arrivals")]
     #[getter]
     fn arrivals<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.take.packets.iter().map(|packet| packet.arrival).collect::<Vec<_>>().into_pyarray(py)
     }
 
+    #[doc = doc!("Take.notes")]
     #[getter]
     fn notes(&self) -> Vec<String> {
         self.take.notes.clone()
     }
 
+    #[doc = doc!("Take.damaged")]
     #[getter]
     fn damaged(&self) -> usize {
         self.take.damaged
     }
 
+    #[doc = doc!("Take.duration")]
     #[getter]
     fn duration(&self) -> f64 {
         self.take.duration()
     }
 
+    #[doc = doc!("Take.statistics")]
     fn statistics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let mut meter = mocap::statistics::StreamMeter::default();
         for taken in &self.take.packets {
@@ -72,6 +81,7 @@ impl Take {
         figures(py, &meter.figures(self.take.packets.last().map_or(0.0, |last| last.arrival)))
     }
 
+    #[doc = doc!("Take.frames")]
     fn frames(&self, py: Python<'_>, decoder: &HandDecoder) -> PyResult<Vec<HandFrame>> {
         let mut frames = Vec::new();
         for packet in self.packets(py)? {
@@ -89,7 +99,7 @@ impl Take {
     }
 }
 
-/// Writes a take while it is recorded.
+#[doc = doc!("TakeWriter")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct TakeWriter {
     /// None once it is closed.
@@ -117,14 +127,17 @@ impl TakeWriter {
         py.detach(open).or_raise(py).map(|writer| Self { writer: Mutex::new(Some(writer)) })
     }
 
+    #[doc = doc!("TakeWriter.note")]
     fn note(&self, py: Python<'_>, text: &str) -> PyResult<()> {
         self.write(py, |writer| writer.note(text))
     }
 
+    #[doc = doc!("TakeWriter.packet")]
     fn packet(&self, py: Python<'_>, arrival: f64, data: &[u8]) -> PyResult<()> {
         self.write(py, |writer| writer.packet(arrival, data))
     }
 
+    #[doc = doc!("TakeWriter.close")]
     fn close(&self, py: Python<'_>) {
         *lock(py, &self.writer) = None;
     }
@@ -139,7 +152,7 @@ impl TakeWriter {
     }
 }
 
-/// A take on its way.
+#[doc = doc!("Replay")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct Replay {
     replay: RwLock<mocap::Replay>,
@@ -149,14 +162,16 @@ pub struct Replay {
 impl Replay {
     #[new]
     #[allow(clippy::too_many_arguments)] // keyword arguments
-    #[pyo3(signature = (take, targets = vec![], *, speed = 1.0, rounds = 1, source_port = 50_107, bind = None, serve_greeters = true, bodies = false))]
+    #[pyo3(signature = (take, targets = vec![], *, speed = 1.0, rounds = 1.into(), source_port = 50_107.into(), bind = None, serve_greeters = true,
+                        bodies = false),
+           text_signature = "(take, targets=(), *, speed=1.0, rounds=1, source_port=50107, bind=None, serve_greeters=True, bodies=False)")]
     fn new(
         py: Python<'_>,
         take: &Take,
         targets: Vec<String>,
         speed: f64,
-        rounds: i64,
-        source_port: i64,
+        rounds: conv::Whole,
+        source_port: conv::Whole,
         bind: Option<&str>,
         serve_greeters: bool,
         bodies: bool,
@@ -172,11 +187,13 @@ impl Replay {
         py.detach(start).or_raise(py).map(|replay| Self { replay: RwLock::new(replay) })
     }
 
+    #[doc = doc!("Replay.address")]
     #[getter]
     fn address(&self, py: Python<'_>) -> (String, u16) {
         pair(read(py, &self.replay).address())
     }
 
+    #[doc = doc!("Replay.wait")]
     fn wait(&self, py: Python<'_>, timeout: f64) -> PyResult<bool> {
         let end = std::time::Instant::now() + duration(py, "timeout", timeout)?;
         loop {
@@ -193,6 +210,7 @@ impl Replay {
         }
     }
 
+    #[doc = doc!("Replay.state")]
     fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let s = read(py, &self.replay).state();
         let dict = PyDict::new(py);
@@ -207,6 +225,7 @@ impl Replay {
         Ok(dict)
     }
 
+    #[doc = doc!("Replay.stop")]
     fn stop(&self, py: Python<'_>) {
         py.detach(|| self.replay.write().unwrap_or_else(PoisonError::into_inner).stop());
     }

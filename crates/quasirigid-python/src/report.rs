@@ -6,7 +6,7 @@ use quasirigid::gauss_seidel::Stop;
 use quasirigid::math::Real;
 use quasirigid::report::{PARTS, STAGES};
 
-/// What a step did, and how well.
+#[doc = doc!("StepReport")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct StepReport {
     pub(crate) engine: quasirigid::StepReport,
@@ -15,26 +15,31 @@ pub struct StepReport {
 
 #[pymethods]
 impl StepReport {
+    #[doc = doc!("StepReport.time")]
     #[getter]
     fn time(&self) -> Real {
         self.engine.time
     }
 
+    #[doc = doc!("StepReport.contacts")]
     #[getter]
     fn contacts(&self) -> usize {
         self.engine.contacts
     }
 
+    #[doc = doc!("StepReport.sweeps")]
     #[getter]
     fn sweeps(&self) -> u32 {
         self.engine.sweeps
     }
 
+    #[doc = doc!("StepReport.newton_steps")]
     #[getter]
     fn newton_steps(&self) -> u32 {
         self.engine.newton_steps
     }
 
+    #[doc = doc!("StepReport.residual")]
     #[getter]
     fn residual(&self) -> Real {
         self.engine.residual
@@ -50,6 +55,7 @@ impl StepReport {
         stop_name(self.engine.stop)
     }
 
+    #[doc = doc!("StepReport.stage_times")]
     #[getter]
     fn stage_times<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let times = PyDict::new(py);
@@ -59,6 +65,7 @@ impl StepReport {
         Ok(times)
     }
 
+    #[doc = doc!("StepReport.part_times")]
     #[getter]
     fn part_times<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let times = PyDict::new(py);
@@ -68,21 +75,25 @@ impl StepReport {
         Ok(times)
     }
 
+    #[doc = doc!("StepReport.step_time")]
     #[getter]
     fn step_time(&self) -> f64 {
         self.engine.times.total().as_secs_f64()
     }
 
+    #[doc = doc!("StepReport.coarse")]
     #[getter]
     fn coarse(&self) -> bool {
         self.engine.coarse
     }
 
+    #[doc = doc!("StepReport.ill_posed")]
     #[getter]
     fn ill_posed(&self) -> usize {
         self.engine.ill_posed
     }
 
+    #[doc = doc!("StepReport.quarantined")]
     #[getter]
     fn quarantined(&self) -> Vec<usize> {
         self.quarantined.clone()

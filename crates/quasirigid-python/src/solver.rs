@@ -11,7 +11,7 @@ use quasirigid::math::{Mat3, Real, Vec3};
 use std::cell::{Cell, RefCell};
 use std::time::{Duration, Instant};
 
-/// Reactions and velocities of a contact problem, and how good they are.
+#[doc = doc!("ContactSolution")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct ContactSolution {
     solution: SystemSolution,
@@ -25,36 +25,43 @@ fn flat<'py>(py: Python<'py>, vectors: &[Vec3]) -> Bound<'py, PyArray1<Real>> {
 
 #[pymethods]
 impl ContactSolution {
+    #[doc = doc!("ContactSolution.reactions")]
     #[getter]
     fn reactions<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
         flat(py, &self.solution.reactions)
     }
 
+    #[doc = doc!("ContactSolution.velocities")]
     #[getter]
     fn velocities<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
         flat(py, &self.solution.velocities)
     }
 
+    #[doc = doc!("ContactSolution.status")]
     #[getter]
     fn status<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u8>> {
         conv::from_vec(py, self.solution.status.iter().map(|&s| s as u8).collect())
     }
 
+    #[doc = doc!("ContactSolution.residual")]
     #[getter]
     fn residual(&self) -> Real {
         self.solution.residual
     }
 
+    #[doc = doc!("ContactSolution.unit_free_residual")]
     #[getter]
     fn unit_free_residual(&self) -> Real {
         self.solution.unit_free_residual
     }
 
+    #[doc = doc!("ContactSolution.sweeps")]
     #[getter]
     fn sweeps(&self) -> u32 {
         self.solution.sweeps
     }
 
+    #[doc = doc!("ContactSolution.newton_steps")]
     #[getter]
     fn newton_steps(&self) -> u32 {
         self.solution.newton_steps
@@ -70,16 +77,19 @@ impl ContactSolution {
         stop_name(self.solution.stop)
     }
 
+    #[doc = doc!("ContactSolution.asymmetry")]
     #[getter]
     fn asymmetry(&self) -> Real {
         self.asymmetry
     }
 
+    #[doc = doc!("ContactSolution.time")]
     #[getter]
     fn time(&self) -> f64 {
         self.time.as_secs_f64()
     }
 
+    #[doc = doc!("ContactSolution.__len__")]
     fn __len__(&self) -> usize {
         self.solution.reactions.len()
     }
@@ -166,7 +176,7 @@ pub fn _solve_contacts(
     q: &Bound<'_, PyAny>,
     mu: &Bound<'_, PyAny>,
     tolerance: Real,
-    max_sweeps: i64,
+    max_sweeps: conv::Whole,
     time_budget: Option<Real>,
     warm_start: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<ContactSolution> {

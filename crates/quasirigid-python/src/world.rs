@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 /// How often a long run of steps looks for Ctrl-C.
 const SIGNALS_EVERY: Duration = Duration::from_millis(50);
 
-/// Bodies, hands and time.
+#[doc = doc!("World")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct World {
     engine: Mutex<quasirigid::World>,
@@ -86,20 +86,23 @@ pub fn mass_properties(
 impl World {
     #[new]
     #[allow(clippy::too_many_arguments)] // keyword arguments
-    #[pyo3(signature = (dt = 1e-3, gravity = None, *, threads = 1, tolerance = 1e-8, max_sweeps = 1000, time_budget = None,
-                        traversal_budget = None, contact_margin = None, collision_every = 1, push_out_speed = None,
-                        friction_rule = "geometric-mean", step_budget = None))]
+    #[pyo3(signature = (dt = 1e-3, gravity = None, *, threads = 1.into(), tolerance = 1e-8, max_sweeps = 1000.into(), time_budget = None,
+                        traversal_budget = None, contact_margin = None, collision_every = 1.into(), push_out_speed = None,
+                        friction_rule = "geometric-mean", step_budget = None),
+           text_signature = "(dt=1e-3, gravity=(0.0, 0.0, -9.81), *, threads=1, tolerance=1e-8, max_sweeps=1000, time_budget=None, \
+                             traversal_budget=None, contact_margin=None, collision_every=1, push_out_speed=None, \
+                             friction_rule='geometric-mean', step_budget=None)")]
     fn new(
         py: Python<'_>,
         dt: Real,
         gravity: Option<&Bound<'_, PyAny>>,
-        threads: i64,
+        threads: conv::Whole,
         tolerance: Real,
-        max_sweeps: i64,
+        max_sweeps: conv::Whole,
         time_budget: Option<Real>,
-        traversal_budget: Option<i64>,
+        traversal_budget: Option<conv::Whole>,
         contact_margin: Option<Real>,
-        collision_every: i64,
+        collision_every: conv::Whole,
         push_out_speed: Option<Real>,
         friction_rule: &str,
         step_budget: Option<Real>,
@@ -129,11 +132,13 @@ impl World {
         Ok(Self { engine: Mutex::new(quasirigid::World::new(params).or_raise(py)?), report: Mutex::new(None) })
     }
 
+    #[doc = doc!("World.dt")]
     #[getter]
     fn dt(&self, py: Python<'_>) -> Real {
         self.lock(py).parameters().dt
     }
 
+    #[doc = doc!("World.gravity")]
     #[getter]
     fn gravity<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
         let gravity = self.lock(py).parameters().gravity;
@@ -146,6 +151,7 @@ impl World {
         self.lock(value.py()).set_gravity(gravity).or_raise(value.py())
     }
 
+    #[doc = doc!("World.step_budget")]
     #[getter]
     fn step_budget(&self, py: Python<'_>) -> Option<Real> {
         self.lock(py).parameters().step_budget.map(|budget| budget.as_secs_f64())
@@ -159,12 +165,14 @@ impl World {
         engine.set_parameters(params).or_raise(py)
     }
 
+    #[doc = doc!("World.bodies")]
     #[getter]
     fn bodies(this: &Bound<'_, Self>) -> Vec<Body> {
         let handles = this.get().lock(this.py()).rigid_bodies();
         handles.into_iter().map(|handle| Body { world: this.clone().unbind(), handle }).collect()
     }
 
+    #[doc = doc!("World.hands")]
     #[getter]
     fn hands(this: &Bound<'_, Self>) -> Vec<Hand> {
         let handles = this.get().lock(this.py()).hand_handles();
@@ -176,6 +184,7 @@ impl World {
         crate::friction::rule_name(self.lock(py).parameters().friction_rule)
     }
 
+    #[doc = doc!("World.time")]
     #[getter]
     fn time(&self, py: Python<'_>) -> Real {
         self.lock(py).time()
@@ -186,19 +195,24 @@ impl World {
         self.lock(py).steps()
     }
 
+    #[doc = doc!("World.report")]
     #[getter]
     fn report(&self, py: Python<'_>) -> Option<Py<StepReport>> {
         self.report.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map(|report| report.clone_ref(py))
     }
 
+    #[doc = doc!("World.quarantined")]
     #[getter]
     fn quarantined(&self, py: Python<'_>) -> Vec<usize> {
         let engine = self.lock(py);
         engine.bodies().iter().enumerate().filter(|(_, entry)| entry.quarantined).map(|(index, _)| index).collect()
     }
 
+    #[doc = doc!("World.add_body")]
     #[allow(clippy::too_many_arguments)] // keyword arguments
-    #[pyo3(signature = (surface, material, *, mass = None, motion = "inertial", position = None, quaternion = None, name = None, viscosity = None))]
+    #[pyo3(signature = (surface, material, *, mass = None, motion = "inertial", position = None, quaternion = None, name = None, viscosity = None),
+           text_signature = "($self, surface, material, *, mass=None, motion='inertial', position=(0.0, 0.0, 0.0), \
+                             quaternion=(1.0, 0.0, 0.0, 0.0), name=None, viscosity=None)")]
     fn add_body(
         this: &Bound<'_, Self>,
         surface: &Surface,
@@ -208,7 +222,7 @@ impl World {
         position: Option<&Bound<'_, PyAny>>,
         quaternion: Option<&Bound<'_, PyAny>>,
         name: Option<String>,
-        viscosity: Option<(Real, Real)>,
+        viscosity: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Body> {
         let py = this.py();
         let pose = optional_pose(position, quaternion)?;
@@ -218,15 +232,20 @@ impl World {
             None => RigidBody::fixed(name, pose),
         }
         .or_raise(py)?;
-        if let Some((linear, angular)) = viscosity {
+        if let Some(viscosity) = viscosity {
+            let (linear, angular) = conv::pair(viscosity, "viscosity")?;
             body.set_viscosity(linear, angular).or_raise(py)?;
         }
         let handle = this.get().lock(py).add_body(body, Some((surface.engine.clone(), material.engine.clone()))).or_raise(py)?;
         Ok(Body { world: this.clone().unbind(), handle })
     }
 
+    #[doc = doc!("World.add_hand")]
     #[allow(clippy::too_many_arguments)] // keyword arguments
-    #[pyo3(signature = (model = None, *, position = None, quaternion = None, material = None, motion = "inertial", points = 2400, control_points = 320))]
+    #[pyo3(signature = (model = None, *, position = None, quaternion = None, material = None, motion = "inertial", points = 2400.into(),
+                        control_points = 320.into()),
+           text_signature = "($self, model=None, *, position=(0.0, 0.0, 0.0), quaternion=(1.0, 0.0, 0.0, 0.0), material=None, \
+                             motion='inertial', points=2400, control_points=320)")]
     fn add_hand(
         this: &Bound<'_, Self>,
         model: Option<&HandModel>,
@@ -234,8 +253,8 @@ impl World {
         quaternion: Option<&Bound<'_, PyAny>>,
         material: Option<&Material>,
         motion: &str,
-        points: i64,
-        control_points: i64,
+        points: conv::Whole,
+        control_points: conv::Whole,
     ) -> PyResult<Hand> {
         let py = this.py();
         let model = match model {
@@ -254,6 +273,7 @@ impl World {
         Ok(Hand { world: this.clone().unbind(), handle })
     }
 
+    #[doc = doc!("World.remove")]
     fn remove(&self, py: Python<'_>, handle: &Bound<'_, PyAny>) -> PyResult<()> {
         if let Ok(body) = handle.cast::<Body>() {
             return self.lock(py).remove_body(body.get().handle).or_raise(py);
@@ -264,8 +284,9 @@ impl World {
         Err(to_py(py, &Error::handle("remove", "a Body or a Hand", handle.get_type(), "give what add_body or add_hand returned")))
     }
 
-    #[pyo3(signature = (n = 1))]
-    fn step(&self, py: Python<'_>, n: i64) -> PyResult<Py<StepReport>> {
+    #[doc = doc!("World.step")]
+    #[pyo3(signature = (n = 1.into()), text_signature = "($self, n=1)")]
+    fn step(&self, py: Python<'_>, n: conv::Whole) -> PyResult<Py<StepReport>> {
         let mut left = conv::count(py, "n", n)?;
         if left == 0 {
             return Err(to_py(py, &Error::value("n", "at least 1 step", 0, "ask for a step to get a report")));
@@ -299,6 +320,7 @@ impl World {
         }
     }
 
+    #[doc = doc!("World.set_friction")]
     fn set_friction(
         this: &Bound<'_, Self>,
         a: &Bound<'_, PyAny>,
@@ -317,15 +339,18 @@ impl World {
         Ok(())
     }
 
+    #[doc = doc!("World.contacts")]
     fn contacts(&self, py: Python<'_>) -> Contacts {
         Contacts::of(&self.lock(py))
     }
 
+    #[doc = doc!("World.contact_problem")]
     #[pyo3(signature = (*, sparse = false))]
     fn contact_problem<'py>(&self, py: Python<'py>, sparse: bool) -> PyResult<Bound<'py, PyAny>> {
         crate::solver::contact_problem(py, &self.lock(py), sparse)
     }
 
+    #[doc = doc!("World.state_hash")]
     fn state_hash(&self, py: Python<'_>) -> u64 {
         self.lock(py).state_hash()
     }
