@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import Enum
+from math import isfinite
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +18,13 @@ class Compliance(str, Enum):
 
     local = "local"
     half_space = "half-space"
+
+
+def _finite(seconds: float | None) -> float | None:
+    """The option, unless it is no number."""
+    if seconds is not None and not isfinite(seconds):
+        raise typer.BadParameter(f"{seconds} is not a number of seconds; leave it out to go on until Ctrl-C")
+    return seconds
 
 
 ObjectFile = Annotated[
@@ -65,5 +73,5 @@ Threads = Annotated[int, typer.Option(help="Threads of the engine; the result is
 Host = Annotated[str, typer.Option(help="Who may look: 127.0.0.1 is this machine alone, 0.0.0.0 the whole network.", rich_help_panel=PAGE)]
 Port = Annotated[int, typer.Option(help="Port of the page; the next free one if it is in use.", rich_help_panel=PAGE)]
 Browser = Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.", rich_help_panel=PAGE)]
-Seconds = Annotated[float | None, typer.Option(help="End after so many seconds.", rich_help_panel=PAGE)]
+Seconds = Annotated[float | None, typer.Option(help="End after so many seconds.", rich_help_panel=PAGE, min=0.0, callback=_finite)]
 HOST, PORT = "127.0.0.1", 8080

@@ -21,8 +21,13 @@ def test_the_live_view_replaces_a_recording_when_all_is_ready_and_closes_it_when
     path.write_text("of yesterday")
     command = ["view", "--no-browser", "--points", "500", "--record", str(path)]
     assert main([*command, "--port", "0"]) == 2
-    assert path.read_text() == "of yesterday"
     assert capfd.readouterr().err.count("\n") == 1
+    for seconds in ("nan", "inf", "-1"):
+        assert main([*command, "--seconds", seconds]) == 2
+        assert "'--seconds'" in capfd.readouterr().err
+    assert main([*command, "--port", "8450", "--seconds", "0"]) == 0  # no step
+    assert path.read_text() == "of yesterday"
+    assert capfd.readouterr().out == ""
 
     def end() -> None:
         deadline = time.monotonic() + 60.0

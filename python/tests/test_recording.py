@@ -83,22 +83,29 @@ def test_error_in_the_run_keeps_every_step(tmp_path: Path) -> None:
 
 
 def test_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
-    path = tmp_path / "recording.h5"
     program = f"""
         import sys; sys.path[:0] = {sys.path!r}
         from test_recording import COLUMNS, Recorder, row
-        recorder = Recorder({str(path)!r}, COLUMNS)
+        recorder = Recorder(sys.argv[1], COLUMNS)
         for i in range(10**9):
             recorder.append(row(i))
             if i == 1000:
                 recorder.flush()
                 print("go", flush=True)
+                sys.stdin.readline()
     """
-    for pause in (0.0, 0.013, 0.05, 0.2):
-        env = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
-        with subprocess.Popen([sys.executable, "-c", textwrap.dedent(program)], stdout=subprocess.PIPE, env=env) as writer:
+    env = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    pauses = (0.0, 0.013, 0.05, 0.2)
+    paths = [tmp_path / f"{pause}.h5" for pause in pauses]
+    command = [sys.executable, "-c", textwrap.dedent(program)]
+    writers = [subprocess.Popen([*command, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=env) for path in paths]
+    for pause, path, writer in zip(pauses, paths, writers, strict=True):
+        with writer:
+            assert writer.stdin is not None
             assert writer.stdout is not None
             assert writer.stdout.readline() == b"go\n"
+            writer.stdin.write(b"on\n")
+            writer.stdin.flush()
             time.sleep(pause)
             writer.send_signal(signal.SIGKILL)
             writer.wait()

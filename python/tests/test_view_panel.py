@@ -75,6 +75,8 @@ def test_sliders_show_the_figures_of_the_simulation_however_large_or_small() -> 
         for name, shown in sliders.items():
             assert shown.value == pytest.approx(getattr(figures, name)), name
             assert shown.min <= shown.value <= shown.max, name
+        show_value(sliders["squeeze"], 21.922128)
+        assert (sliders["squeeze"].value, sliders["squeeze"].max) == (21.922128, 22.0), "what stands below a slider is short"
         shown = sliders["mass"]
         show_value(shown, 0.004)
         assert shown.min == shown.value == round(shown.value, shown.precision) == 0.004

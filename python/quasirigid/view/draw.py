@@ -42,6 +42,8 @@ LOADED = 0.01
 """Points under less than this share of the full scale keep the colour of the pad."""
 HEAD = 0.3
 """Length of an arrow's head as a share of the arrow."""
+LONGEST_FORCE = 0.09
+"""Of the arrows of the fingers, m: one that leaves the picture says nothing."""
 PULL = rgb("#A8478A")
 LEVELS = 32
 """Colours that are told apart on a pad: steps of the pressure scale."""
@@ -65,7 +67,7 @@ class Layers:
     contact_forces: bool = True
     finger_forces: bool = True
     force_scale: float = 0.012
-    """Length of the arrow of 1 N, m, for the sum over a finger."""
+    """Length of the arrow of 1 N, m, for the sum over a finger; less where one would be longer than ``LONGEST_FORCE``."""
 
 
 class SceneDrawing:
@@ -305,10 +307,12 @@ class SceneDrawing:
         forces = [contacts.reactions[:, 0] * mine for mine in on_tips] if self.layers.finger_forces else []
         pressed = [(finger, force) for finger, force in enumerate(forces) if force.sum() > 0.0]
         if pressed:
+            sums = state.finger_forces[[finger for finger, _ in pressed]]
+            scale = min(self.layers.force_scale, LONGEST_FORCE / max(float(np.linalg.norm(sums, axis=1).max()), 1e-9))
             self._sum_lines.show(
                 *arrows(
                     np.array([force @ contacts.points / force.sum() for _, force in pressed]),
-                    self.layers.force_scale * state.finger_forces[[finger for finger, _ in pressed]],
+                    scale * sums,
                     FINGERS[[finger % 6 for finger, _ in pressed]],
                     wings=2,
                 )

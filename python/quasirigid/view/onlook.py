@@ -106,7 +106,7 @@ class OnlookPage:
         self._history.append((state.time, state.normal_forces.tolist(), state.step_time, len(state.contacts)))
         scale = self.drawing.scale.top
         self._status.content = status
-        self._legend.content = words.legend(scale)
+        self._legend.content = words.legend(scale if self.drawing.model.fingers else None)
         if self.drawing.model.fingers:
             self._picture.image = self._tactile.picture(state, scale)
         self._curves.show(*(list(column) for column in zip(*self._history, strict=True)), together=together)

@@ -43,7 +43,8 @@ def show_value(slider: viser.GuiSliderHandle[float], value: float) -> None:
     """Sets a slider to what is so, and widens it where that lies outside: the figure of a file or of the command line is not touched."""
     widened: Any = slider
     if value > widened.max:
-        widened.max = value
+        unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+        widened.max = max(value, round(math.ceil(value / unit) * unit, 9))  # two digits: it stands below the slider
     if value < widened.min:
         widened.min = value
     if 0.0 < value < widened.step:  # else it would be shown as 0
@@ -63,7 +64,9 @@ class ViewPanel:
             "hand": gui.add_checkbox("Hand", layers.hand),
             "patches": gui.add_checkbox("Patches", layers.patches, hint="Colour on the pads where they are pressed"),
             "contact_forces": gui.add_checkbox("Contact forces", layers.contact_forces, hint="One arrow per contact; the longest is 5 mm"),
-            "finger_forces": gui.add_checkbox("Finger forces", layers.finger_forces, hint="Sum over each finger; 12 mm per N"),
+            "finger_forces": gui.add_checkbox(
+                "Finger forces", layers.finger_forces, hint="Sum over each finger; 12 mm per N, the longest at most 90 mm"
+            ),
         }
         for name, box in boxes.items():
 

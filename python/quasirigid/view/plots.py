@@ -11,22 +11,21 @@ from viser import uplot
 from quasirigid.palette import FINGER_COLOURS
 from quasirigid.view.scene import SceneModel
 
-HEIGHT = 132
-"""Of each plot, px."""
+HEIGHT = 104
+"""Of each plot, px: all of the panel is seen in a window of 720 px, without a scroll bar over its right edge."""
 GREY = "#6b7280"
 
 
 class Curves:
-    """Three plots over simulated time. Made inside the container that shall hold them."""
+    """Three plots over simulated time, two of a scene without fingers. Made inside the container that shall hold them."""
 
     def __init__(self, server: viser.ViserServer, model: SceneModel) -> None:
-        names = model.fingers or ("force",)
-        self._fingers = len(names)
+        self._fingers = len(model.fingers)
         self._turn = 0
-        look = [(name, FINGER_COLOURS[i % 6]) for i, name in enumerate(names)]
-        self._force = _plot(server, "Normal force, N", look)
-        self._step = _plot(server, "Time for a step, ms", [("step", GREY)])
-        self._contacts = _plot(server, "Contacts", [("contacts", GREY)])
+        look = [(name, FINGER_COLOURS[i % 6]) for i, name in enumerate(model.fingers)]
+        self._force = _plot(server, "Normal force (N) over time (s)", look) if look else None
+        self._step = _plot(server, "Computing a step (ms) over time (s)", [("step", GREY)])
+        self._contacts = _plot(server, "Contacts over time (s)", [("contacts", GREY)])
 
     def show(
         self,
@@ -45,10 +44,8 @@ class Curves:
             times, forces, steps, contacts = (0.0, 1.0), np.zeros((2, self._fingers)).tolist(), (0.0, 0.0), (0, 0)
         t = np.asarray(times, dtype=np.float64)
         self._turn = (self._turn + 1) % 3
-        if together or self._turn == 0:
-            by_finger = np.zeros((len(t), self._fingers))
-            given = np.asarray(forces, dtype=np.float64).reshape(len(t), -1)
-            by_finger[:, : given.shape[1]] = given  # a world without a hand has none
+        if self._force is not None and (together or self._turn == 0):
+            by_finger = np.asarray(forces, dtype=np.float64).reshape(len(t), self._fingers)
             self._force.data = (t, *(np.ascontiguousarray(by_finger[:, i]) for i in range(self._fingers)))
         if together or self._turn == 1:
             self._step.data = (t, 1e3 * np.asarray(steps, dtype=np.float64))
@@ -58,7 +55,8 @@ class Curves:
     def remove(self) -> None:
         """Takes the plots out of the page."""
         for plot in (self._force, self._step, self._contacts):
-            plot.remove()
+            if plot is not None:
+                plot.remove()
 
 
 def _plot(server: viser.ViserServer, title: str, look: Sequence[tuple[str, str]]) -> viser.GuiUplotHandle:

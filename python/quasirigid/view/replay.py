@@ -208,8 +208,6 @@ class ReplayView:
         columns = self.recording.columns
         thin = slice(None, None, max(1, len(self.recording) // CURVE_POINTS))
         forces, times = columns["fingers/normal_force"][thin], self.recording.times[thin]
-        if not forces.shape[1]:
-            forces = np.zeros((len(times), 1))
         curves.show(times.tolist(), forces.tolist(), columns["report/step_time"][thin].tolist(), columns["report/contacts"][thin].tolist())
 
     def _show_on(self) -> None:
@@ -255,9 +253,11 @@ class ReplayView:
         rows += [("contacts", f"{int(loaded.sum())}, {slips} slip"), ("step", f"{state.step}, computed in {1e3 * state.step_time:.2f} ms")]
         for name, force, normal in zip(self.recording.model.fingers, state.finger_forces, state.normal_forces, strict=True):
             rows.append((name, f"{np.linalg.norm(force):.2f} N, presses with {normal:.2f} N"))
+        if not self.recording.columns.complete:
+            rows.append(("recording", "its run was ended, or still goes on"))
         self._status.content = words.table([row for row in rows if row[1]])
         scale = self._drawing.scale.top
-        self._legend.content = words.legend(scale)
+        self._legend.content = words.legend(scale if self.recording.model.fingers else None)
         if self.recording.model.fingers:
             self._picture.image = self._tactile.picture(state, scale)
         set_value(self._slider, state.time)

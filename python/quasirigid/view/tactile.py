@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageFont
 from scipy.spatial import cKDTree
 
 from quasirigid.palette import FINGER_COLOURS, SLIP_COLOUR
@@ -15,9 +15,11 @@ from quasirigid.view.scene import BodyView, FloatArray, SceneModel, SceneState
 
 CELLS = 40
 """Cells of the sensor, each way."""
+AROUND = 1.08
+"""Side of the picture over the length of the pad: its rim is in the picture."""
 SIDE = 108
 """Of a pad's picture, px."""
-GAP, HEADING = 8, 16
+GAP, HEADING, LETTERS = 8, 19, 14
 LEAST_SLIP = 0.02
 """A slipping contact is marked if its pressure is more than this share of the full scale."""
 
@@ -34,7 +36,7 @@ class Pad:
         up /= np.linalg.norm(up)
         self._axes = np.column_stack([np.cross(up, normal), up])
         flat = body.points @ self._axes
-        self._low, self._size = flat.min(axis=0), float(np.ptp(flat, axis=0).max())
+        self._low, self._size = flat.min(axis=0), AROUND * float(np.ptp(flat, axis=0).max())
         self._low = self._low - 0.5 * (self._size - np.ptp(flat, axis=0))
         # The point of the pad in each cell: where the sensor's cell lies on the curved surface.
         centres = (np.arange(CELLS) + 0.5) / CELLS * self._size
@@ -73,9 +75,9 @@ class Tactile:
         self._pads = [Pad(model.bodies[tip]) for tip in self._tips]
         columns = max(1, len(self._pads))
         self._empty = Image.new("RGB", (columns * SIDE + (columns - 1) * GAP, HEADING + SIDE), "white")
-        draw = ImageDraw.Draw(self._empty)
+        draw, font = ImageDraw.Draw(self._empty), ImageFont.load_default(LETTERS)
         for i, name in enumerate(self._names):
-            draw.text((i * (SIDE + GAP), 1), name, fill=FINGER_COLOURS[i % 6])
+            draw.text((i * (SIDE + GAP), 0), name, fill=FINGER_COLOURS[i % 6], font=font)
 
     def picture(self, state: SceneState, full_scale: float) -> npt.NDArray[np.uint8]:
         """(height, width, 3): colour is pressure against ``full_scale``, Pa; an orange cross is a contact that slips."""

@@ -11,6 +11,10 @@ from quasirigid.view.pressure import COLOURS
 
 SLOW = 0.95
 """Below this share of the speed asked for, the view says that it is slow motion."""
+FRICTIONS = (
+    f'<div style="margin-top:4px"><b style="color:{STICK_COLOUR}">&#8212;</b> sticks &nbsp; '
+    f'<b style="color:{SLIP_COLOUR}">&#215;&#8212;</b> slips</div>'
+)
 
 
 def figures(phase: str, time: float, real_time: float, speed: float | None, step_time: float, contacts: int, *, running: bool) -> str:
@@ -48,17 +52,18 @@ def pressure(pascal: float) -> str:
     return f"{pascal:g} Pa"
 
 
-def legend(full_scale: float) -> str:
-    """The colours of pressure and of friction."""
+def legend(full_scale: float | None) -> str:
+    """The colours of pressure, up to ``full_scale`` Pa, and of friction; ``None``: there are no pads on which pressure is shown."""
+    return f'<div style="font-size:12px;padding:2px 12px;color:#374151">{"" if full_scale is None else _pressures(full_scale)}{FRICTIONS}</div>'
+
+
+def _pressures(full_scale: float) -> str:
     stops = ",".join("#{:02x}{:02x}{:02x}".format(*COLOURS[i].tolist()) for i in range(0, 256, 17))
     marks = "".join(f"<span>{'0' if share == 0 else pressure(share * full_scale)}</span>" for share in (0.0, 0.5, 1.0))
     return (
-        '<div style="font-size:12px;padding:2px 12px;color:#374151">'
-        '<div style="margin-bottom:3px">Pressure on the pads, and what a tactile sensor there would see</div>'
+        '<div style="margin-bottom:3px">Pressure on the pads, as a sensor would see it</div>'
         f'<div style="height:10px;border-radius:3px;background:linear-gradient(to right,{stops})"></div>'
         f'<div style="display:flex;justify-content:space-between">{marks}</div>'
-        f'<div style="margin-top:4px"><b style="color:{STICK_COLOUR}">&#8212;</b> sticks &nbsp; '
-        f'<b style="color:{SLIP_COLOUR}">&#215;&#8212;</b> slips</div></div>'
     )
 
 
