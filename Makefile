@@ -40,7 +40,7 @@ test-python: setup ## Run the Python tests.
 
 fuzz: setup ## Try new cases on the property tests: make fuzz ROUNDS=200.
 	for round in $$(seq $(ROUNDS)); do \
-		cargo test --workspace --locked --release --lib --quiet || exit 1; \
+		cargo test --workspace --locked --release --lib --test any_world --test sphere_tree --test dtrack_round_trip --quiet || exit 1; \
 	done
 	$(BIN)/pytest --hypothesis-profile=default $$(grep -l hypothesis python/tests/*.py)
 

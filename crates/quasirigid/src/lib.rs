@@ -23,6 +23,7 @@ pub mod workspace;
 pub mod world;
 mod world_edit;
 mod world_friction;
+mod world_hands;
 
 mod step;
 

@@ -95,6 +95,8 @@ impl Parameters {
         left.into_iter().chain(self.solver.time_budget).min()
     }
 
+    /// Refuses parameters out of range.
+    ///
     /// # Errors
     /// [`Error::InvalidValue`] for the first parameter that is out of range.
     pub fn check(&self) -> Result<()> {
@@ -114,15 +116,12 @@ impl Parameters {
         if self.rigid_beyond.is_nan() || self.rigid_beyond < 1.0 {
             return Err(Error::value("rigid_beyond", "a ratio of at least 1, or infinity", self.rigid_beyond, "1000 is the default"));
         }
-        check_positive("tolerance", self.solver.tolerance, "-")?;
+        self.solver.check()?;
         if self.threads == 0 || self.threads > 1024 {
             return Err(Error::value("threads", "between 1 and 1024", self.threads, "give the number of cores to use"));
         }
         if self.step_budget == Some(Duration::ZERO) {
             return Err(Error::value("step_budget", "a time > 0 s", 0, "0.8 dt keeps up with the clock; leave it out for no limit"));
-        }
-        if self.solver.max_sweeps == 0 {
-            return Err(Error::value("max_sweeps", "at least 1", 0, "the solver needs one sweep to find any reaction"));
         }
         Ok(())
     }

@@ -1,17 +1,18 @@
 //! The state of a simulation: bodies, hands, what pairs remember, parameters.
 
 use crate::body::friction_table::FrictionTable;
-use crate::body::rigid::check_pose;
-use crate::body::{Body, BodyEntry, ComplianceModel, Finger, HandModel, Material, Motion, RigidBody, Skin};
+use crate::body::{Body, BodyEntry, Material, RigidBody, Skin};
 use crate::collision::{Contact, Pair};
 use crate::contact_problem::ContactProblem;
 use crate::error::{Error, Result};
-use crate::math::{Pose, Real, Vec3};
+use crate::math::{Real, Vec3};
 use crate::params::Parameters;
 use crate::surface::Surface;
 use crate::workspace::Workspace;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
+
+pub use crate::world_hands::{Hand, HandHandle};
 
 /// A body of one world. Stays valid until the body is removed; using it after that, or with another world, is an error, not another body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -21,27 +22,8 @@ pub struct BodyHandle {
     generation: u32,
 }
 
-/// A hand of one world. Using it with another world, or after the hand was removed, is an error.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct HandHandle {
-    world: u32,
-    index: u32,
-}
-
 /// Numbers worlds, so that no handle is taken for one of another world.
 static WORLDS: AtomicU32 = AtomicU32::new(0);
-
-/// A hand: fingers on a common base.
-#[derive(Debug, Clone)]
-pub struct Hand {
-    /// What it was built from.
-    pub model: HandModel,
-    /// Its fingers, in the model's order.
-    pub fingers: Vec<BodyHandle>,
-    /// Pose of the hand frame in the world at the end of the last step: where the fingers are that were not set aside.
-    pub base: Pose,
-    target: Option<Pose>,
-}
 
 #[derive(Debug, Clone, Copy)]
 struct Slot {
@@ -60,7 +42,7 @@ pub struct World {
     pub(crate) workspace: Workspace,
     pub(crate) steps: u64,
     pub(crate) pool: Option<rayon::ThreadPool>,
-    number: u32,
+    pub(crate) number: u32,
     slots: Vec<Slot>,
     start_time: Real,
     start_steps: u64,
@@ -138,44 +120,6 @@ impl World {
         Ok(self.add_entry(BodyEntry { body: Body::Rigid(body), skin, skin_link: 0, hand: None, quarantined: false }))
     }
 
-    /// Adds a hand with its base at `base`; every fingertip gets the pad `surface` (pad frame) of `material`.
-    ///
-    /// # Errors
-    /// [`Error::InvalidValue`] for a pose that is not finite or a material out of range; whatever the finger's constructor refuses.
-    pub fn add_hand(
-        &mut self,
-        model: &HandModel,
-        base: Pose,
-        motion: Motion,
-        surface: &crate::surface::PointSurface,
-        control_points: Option<usize>,
-        material: &Material,
-    ) -> Result<HandHandle> {
-        check_pose("base pose", &base)?;
-        material.check()?;
-        if matches!(material.model, ComplianceModel::Matrix(_)) {
-            return Err(Error::value(
-                "material of a hand",
-                "local or half-space compliance",
-                "a compliance matrix",
-                "a matrix is for one surface, a hand has a pad on every finger: add pads as bodies of their own",
-            ));
-        }
-        let handle = self.hand_handle(self.hands.len());
-        // All are made before the first is added: what is refused leaves nothing behind.
-        let mut entries = Vec::with_capacity(model.fingers().len());
-        for (finger, tip) in model.instantiate(base, motion)?.into_iter().zip(model.tips()) {
-            let link = finger.model().dof() - 1;
-            let pad = Arc::new(Surface::build(surface.clone().transformed(&tip.pose)?, control_points)?);
-            let skin = Some(Skin::new(pad, material.clone())?);
-            let entry = BodyEntry { body: Body::Finger(finger), skin, skin_link: link, hand: Some(handle.index), quarantined: false };
-            entries.push(entry);
-        }
-        let fingers = entries.into_iter().map(|entry| self.add_entry(entry)).collect();
-        self.hands.push(Some(Hand { model: model.clone(), fingers, base, target: None }));
-        Ok(handle)
-    }
-
     /// Takes a body out.
     ///
     /// # Errors
@@ -185,19 +129,6 @@ impl World {
             return Err(Error::handle("remove_body", "a body that is not part of a hand", "a finger", "remove the hand"));
         }
         self.remove_entry(handle)
-    }
-
-    /// Takes a hand out, with its fingers.
-    ///
-    /// # Errors
-    /// [`Error::InvalidHandle`] if it is gone already.
-    pub fn remove_hand(&mut self, handle: HandHandle) -> Result<()> {
-        let fingers = self.hand(handle)?.fingers.clone();
-        for finger in fingers {
-            self.remove_entry(finger)?;
-        }
-        self.hands[handle.index as usize] = None;
-        Ok(())
     }
 
     /// A body as it is now.
@@ -229,70 +160,6 @@ impl World {
             Body::Rigid(body) => Ok(body),
             Body::Finger(_) => Err(Error::handle("body", "a rigid body", "a finger", "use finger_mut()")),
         }
-    }
-
-    /// A hand.
-    ///
-    /// # Errors
-    /// [`Error::InvalidHandle`] if it was removed.
-    pub fn hand(&self, handle: HandHandle) -> Result<&Hand> {
-        let hand = self.hands.get(handle.index as usize).filter(|_| handle.world == self.number).and_then(Option::as_ref);
-        hand.ok_or_else(|| {
-            Error::handle("hand", "a hand of this world", format!("{handle:?}"), "it was removed, or belongs to another world")
-        })
-    }
-
-    /// Finger `index` of a hand.
-    ///
-    /// # Errors
-    /// [`Error::InvalidHandle`] for a hand that was removed, [`Error::InvalidValue`] for a finger that it does not have.
-    pub fn finger(&self, handle: HandHandle, index: usize) -> Result<&Finger> {
-        let body = self.finger_handle(handle, index)?;
-        match &self.entry(body)?.body {
-            Body::Finger(finger) => Ok(finger),
-            Body::Rigid(_) => Err(Error::handle("finger", "a finger", "a rigid body", "use body()")),
-        }
-    }
-
-    /// Finger `index` of a hand, to set its targets.
-    ///
-    /// # Errors
-    /// As [`World::finger`].
-    pub fn finger_mut(&mut self, handle: HandHandle, index: usize) -> Result<&mut Finger> {
-        let body = self.finger_handle(handle, index)?;
-        let dense = self.dense(body)?;
-        match &mut self.bodies[dense].body {
-            Body::Finger(finger) => Ok(finger),
-            Body::Rigid(_) => Err(Error::handle("finger", "a finger", "a rigid body", "use body_mut()")),
-        }
-    }
-
-    /// Handle of the body that is finger `index` of a hand.
-    ///
-    /// # Errors
-    /// As [`World::finger`].
-    pub fn finger_handle(&self, handle: HandHandle, index: usize) -> Result<BodyHandle> {
-        let fingers = &self.hand(handle)?.fingers;
-        fingers
-            .get(index)
-            .copied()
-            .ok_or_else(|| Error::value("finger", format!("an index below {}", fingers.len()), index, "fingers are counted from 0"))
-    }
-
-    /// Moves the base of a hand to `target` during the next step. What it holds moves with it by friction alone.
-    ///
-    /// # Errors
-    /// [`Error::InvalidHandle`] for a hand that was removed, [`Error::InvalidValue`] for a pose that is not finite.
-    pub fn move_hand_to(&mut self, handle: HandHandle, target: Pose) -> Result<()> {
-        check_pose("target pose", &target)?;
-        let fingers = self.hand(handle)?.fingers.clone();
-        for index in 0..fingers.len() {
-            self.finger_mut(handle, index)?.move_base_to(target)?;
-        }
-        if let Some(hand) = &mut self.hands[handle.index as usize] {
-            hand.target = Some(target);
-        }
-        Ok(())
     }
 
     /// All bodies, in the order in which contacts and reports count them.
@@ -363,7 +230,7 @@ impl World {
         hash.0
     }
 
-    fn add_entry(&mut self, entry: BodyEntry) -> BodyHandle {
+    pub(crate) fn add_entry(&mut self, entry: BodyEntry) -> BodyHandle {
         let dense = Some(self.bodies.len() as u32);
         self.bodies.push(entry);
         if let Some(index) = self.slots.iter().position(|slot| slot.dense.is_none()) {
@@ -378,11 +245,7 @@ impl World {
         BodyHandle { world: self.number, index: index as u32, generation }
     }
 
-    pub(crate) fn hand_handle(&self, index: usize) -> HandHandle {
-        HandHandle { world: self.number, index: index as u32 }
-    }
-
-    fn remove_entry(&mut self, handle: BodyHandle) -> Result<()> {
+    pub(crate) fn remove_entry(&mut self, handle: BodyHandle) -> Result<()> {
         let gone = self.dense(handle)? as u32;
         let slot = &mut self.slots[handle.index as usize];
         (slot.dense, slot.generation) = (None, slot.generation + 1);
@@ -402,20 +265,6 @@ impl World {
             }
         }
         Ok(())
-    }
-
-    pub(crate) fn hands_arrived(&mut self) {
-        for hand in self.hands.iter_mut().flatten() {
-            let Some(target) = hand.target.take() else { continue };
-            // A finger that was set aside stays behind; a hand of nothing else has not moved.
-            let moved = |finger: &BodyHandle| {
-                let dense = self.slots[finger.index as usize].dense;
-                dense.is_some_and(|dense| !self.bodies[dense as usize].quarantined)
-            };
-            if hand.fingers.iter().any(moved) {
-                hand.base = target;
-            }
-        }
     }
 }
 

@@ -152,7 +152,7 @@ fn materials() {
             ("relaxation time", &|x| wood().with_relaxation_time(x)),
             ("Poisson's ratio", &|x| wood().with_elasticity(1e9, x, 1e-2)),
             ("share", &|x| wood().with_model(local(1e8, 1e-3, x))),
-            ("new", &|x| Material::new("m", 1.0, x, 1e6, 0.3, 1e-2, 0.0, ComplianceModel::HalfSpace)),
+            ("relaxation time of its own", &|x| Material { relaxation_time: x, ..wood() }.checked()),
         ],
     );
     assert_refused("friction 1e200", wood().with_friction(1e200));

@@ -20,7 +20,17 @@ fn options([ball, flat]: [Material; 2], fine_ball: bool) -> IndentationOptions {
 
 /// A soft material; its surface relaxes in `tau` s.
 fn soft(model: ComplianceModel, tau: Real) -> Material {
-    Material::new("soft", 1000.0, 0.4, 1e6, 0.3, 5e-3, tau, model).unwrap()
+    let soft = Material {
+        name: "soft".into(),
+        density: 1000.0,
+        friction: 0.4.into(),
+        young_modulus: 1e6,
+        poisson_ratio: 0.3,
+        layer_thickness: 5e-3,
+        relaxation_time: tau,
+        model,
+    };
+    soft.checked().unwrap()
 }
 
 fn local() -> ComplianceModel {

@@ -75,7 +75,8 @@ fn pads_that_move_at_random_for_1000_steps() {
         }
         println!("seed {seed}: up to {most} contacts, {unconverged} steps at the cap of 200 sweeps");
         assert!(most > 5, "seed {seed}: up to {most} contacts");
-        assert!(unconverged < 50, "seed {seed}: {unconverged} of 1000 steps did not converge");
+        // 0, 0 and 3: a pad that jumps at 1 m/s over a body without inertia now and then wants more.
+        assert!(unconverged < 10, "seed {seed}: {unconverged} of 1000 steps did not converge");
     }
 }
 
@@ -94,8 +95,13 @@ fn a_pad_placed_deep_in_a_box() {
                 assert_finite(&format!("depth {depth} half-space {half_space}"), &pinch.world, &report);
                 fastest = fastest.max(pinch.world.body(pinch.object).unwrap().linear_velocity().norm());
             }
-            println!("depth {depth} half-space {half_space}: thrown out at up to {fastest:.2} m/s");
-            assert!(fastest < 50.0, "depth {depth} half-space {half_space}: thrown out at {fastest} m/s");
+            println!("depth {depth} half-space {half_space}: pushed out at up to {fastest:.3} m/s");
+            // At the speed at which the contacts part; the box was seen to go up to a quarter faster.
+            let speed = pinch.world.parameters().push_out_speed;
+            assert!(
+                fastest < 1.5 * speed,
+                "depth {depth} half-space {half_space}: thrown out at {fastest} m/s, push_out_speed is {speed} m/s"
+            );
         }
     }
 }

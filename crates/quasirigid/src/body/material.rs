@@ -143,25 +143,13 @@ const PRESETS: &[Preset] = &[
 ];
 
 impl Material {
-    /// A material, checked; `model` as given.
+    /// The material itself, checked: `Material { name: ..., density: ..., ... }.checked()` makes one of figures of your own.
     ///
     /// # Errors
     /// See [`Material::check`].
-    #[allow(clippy::too_many_arguments)]
-    pub fn new(
-        name: impl Into<String>,
-        density: Real,
-        friction: impl Into<Friction>,
-        young_modulus: Real,
-        poisson_ratio: Real,
-        layer_thickness: Real,
-        relaxation_time: Real,
-        model: ComplianceModel,
-    ) -> Result<Self> {
-        let (name, friction) = (name.into(), friction.into());
-        let material = Self { name, density, friction, young_modulus, poisson_ratio, layer_thickness, relaxation_time, model };
-        material.check()?;
-        Ok(material)
+    pub fn checked(self) -> Result<Self> {
+        self.check()?;
+        Ok(self)
     }
 
     /// A material of the built-in table, with the local compliance model of its layer.
@@ -169,7 +157,9 @@ impl Material {
     /// # Errors
     /// An unknown name; the message lists the known ones.
     pub fn preset(name: &str) -> Result<Self> {
-        let Some(&(_, density, friction, e, nu, thickness, relaxation)) = PRESETS.iter().find(|row| row.0 == name) else {
+        let Some(&(_, density, friction, young_modulus, poisson_ratio, layer_thickness, relaxation_time)) =
+            PRESETS.iter().find(|row| row.0 == name)
+        else {
             return Err(Error::unknown(
                 "material",
                 format!("one of {}", Self::preset_names().collect::<Vec<_>>().join(", ")),
@@ -177,7 +167,9 @@ impl Material {
                 "pick a name from the list, or make a material with figures of your own",
             ));
         };
-        Self::new(name, density, friction, e, nu, thickness, relaxation, ComplianceModel::layer(e, nu, thickness)?)
+        let (name, friction) = (name.to_string(), Friction::from(friction));
+        let model = ComplianceModel::layer(young_modulus, poisson_ratio, layer_thickness)?;
+        Self { name, density, friction, young_modulus, poisson_ratio, layer_thickness, relaxation_time, model }.checked()
     }
 
     /// The names that [`Material::preset`] knows.

@@ -50,9 +50,14 @@ impl SolverParameters {
     /// # Errors
     /// `InvalidValue` if the tolerance is not finite and positive, or no sweep is allowed.
     pub fn check(&self) -> Result<()> {
-        check_positive("solver tolerance", self.tolerance, "no unit")?;
+        check_positive("tolerance", self.tolerance, "no unit")?;
         if self.max_sweeps == 0 {
-            return Err(Error::value("max_sweeps", "at least 1", 0, "leave the default of 1000"));
+            return Err(Error::value(
+                "max_sweeps",
+                "at least 1",
+                0,
+                "the solver needs one sweep to find any reaction; 1000 is the default",
+            ));
         }
         Ok(())
     }

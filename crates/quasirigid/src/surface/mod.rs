@@ -2,6 +2,8 @@
 //! sphere tree, control points, compliance.
 
 pub mod areas;
+mod candidates;
+mod cells;
 pub mod compliance;
 pub mod compliance_matrix;
 pub mod control_points;

@@ -6,12 +6,12 @@
 //!
 //! For single queries at any place there is [`super::NeighbourGrid`].
 
+use super::candidates::{Candidate, Candidates};
+use super::cells::{Cell, Grid, Table, cell_with, key_of};
 use crate::math::{Real, Vec3};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Cells per axis that fit in a key: 21 bits for each.
-const CELLS_PER_AXIS: Real = 2_097_000.0;
 /// Points per cell of the first grid, were the set the faces of its bounding box.
 const FIRST_LOAD: Real = 5.0;
 /// Points that tell how far neighbours are.
@@ -48,121 +48,6 @@ pub(crate) struct Nearest {
 impl Nearest {
     pub fn of(&self, i: usize) -> &[u32] {
         &self.index[i * self.k..(i + 1) * self.k]
-    }
-}
-
-/// A cell that holds points: its key, its first point and the one after its last.
-#[derive(Debug, Clone, Copy)]
-struct Cell {
-    key: u64,
-    start: u32,
-    end: u32,
-}
-
-/// Where a grid lies.
-#[derive(Debug, Clone, Copy)]
-struct Grid {
-    origin: Vec3,
-    edge: Real,
-    /// Cells along x, y and z.
-    dims: [i64; 3],
-}
-
-impl Grid {
-    /// Cells of `edge` (m), enlarged if their number would not fit in a key.
-    fn new(low: Vec3, high: Vec3, edge: Real) -> Self {
-        let least = ((high - low).max() / CELLS_PER_AXIS).max(Real::MIN_POSITIVE);
-        let edge = if edge > least { edge } else { least };
-        Self { origin: low, edge, dims: std::array::from_fn(|axis| ((high[axis] - low[axis]) / edge) as i64 + 1) }
-    }
-
-    fn cell_of(&self, x: &Vec3) -> [i64; 3] {
-        std::array::from_fn(|axis| (((x[axis] - self.origin[axis]) / self.edge) as i64).clamp(0, self.dims[axis] - 1))
-    }
-
-    /// Distance from `x` to the nearest wall of a block of cells `rings` around `home` that has cells behind it, m: what is nearer has been seen.
-    fn seen_to(&self, x: &Vec3, home: [i64; 3], rings: i64) -> Real {
-        let mut seen = Real::INFINITY;
-        for axis in 0..3 {
-            if home[axis] - rings > 0 {
-                seen = seen.min(x[axis] - self.origin[axis] - (home[axis] - rings) as Real * self.edge);
-            }
-            if home[axis] + rings < self.dims[axis] - 1 {
-                seen = seen.min(self.origin[axis] + (home[axis] + rings + 1) as Real * self.edge - x[axis]);
-            }
-        }
-        seen.max(0.0)
-    }
-}
-
-/// Spreads the lower 21 bits of `x`, two zeros after each.
-fn spread(x: u64) -> u64 {
-    let x = (x | x << 32) & 0x001f_0000_0000_ffff;
-    let x = (x | x << 16) & 0x001f_0000_ff00_00ff;
-    let x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
-    let x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
-    (x | x << 2) & 0x1249_2492_4924_9249
-}
-
-/// The other way round.
-fn gather_bits(x: u64) -> u64 {
-    let x = x & 0x1249_2492_4924_9249;
-    let x = (x | x >> 2) & 0x10c3_0c30_c30c_30c3;
-    let x = (x | x >> 4) & 0x100f_00f0_0f00_f00f;
-    let x = (x | x >> 8) & 0x001f_0000_ff00_00ff;
-    let x = (x | x >> 16) & 0x001f_0000_0000_ffff;
-    (x | x >> 32) & 0x001f_ffff
-}
-
-fn key_of(cell: [i64; 3]) -> u64 {
-    spread(cell[0] as u64) | spread(cell[1] as u64) << 1 | spread(cell[2] as u64) << 2
-}
-
-fn cell_with(key: u64) -> [i64; 3] {
-    [gather_bits(key) as i64, gather_bits(key >> 1) as i64, gather_bits(key >> 2) as i64]
-}
-
-/// Where a cell is in the list of cells: an open hash table, at most half full.
-#[derive(Debug, Clone)]
-struct Table {
-    slots: Vec<u32>,
-    shift: u32,
-}
-
-impl Table {
-    const EMPTY: u32 = u32::MAX;
-
-    fn new(cells: &[Cell]) -> Self {
-        let size = (2 * cells.len()).next_power_of_two().max(2);
-        let mut table = Self { slots: vec![Self::EMPTY; size], shift: 64 - size.trailing_zeros() };
-        for (i, cell) in cells.iter().enumerate() {
-            let mut at = table.home(cell.key);
-            while table.slots[at] != Self::EMPTY {
-                at = (at + 1) & (size - 1);
-            }
-            table.slots[at] = i as u32;
-        }
-        table
-    }
-
-    /// Fibonacci hashing of blocks of 4 x 4 x 4 cells, which stay together: neighbours are then mostly on a few cache lines.
-    fn home(&self, key: u64) -> usize {
-        let block = (key >> 6).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> self.shift;
-        (block as usize ^ (key & 63) as usize) & (self.slots.len() - 1)
-    }
-
-    fn find(&self, cells: &[Cell], key: u64) -> Option<Cell> {
-        let mut at = self.home(key);
-        loop {
-            let slot = self.slots[at];
-            if slot == Self::EMPTY {
-                return None;
-            }
-            if cells[slot as usize].key == key {
-                return Some(cells[slot as usize]);
-            }
-            at = (at + 1) & (self.slots.len() - 1);
-        }
     }
 }
 
@@ -325,80 +210,6 @@ struct Scratch {
     filter: Real,
 }
 
-/// A point that may be among the nearest: the bits of its squared distance (m^2), which sort as the number does, and its index.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
-struct Candidate {
-    bits: u64,
-    index: u32,
-}
-
-impl Candidate {
-    fn distance2(&self) -> Real {
-        Real::from_bits(self.bits)
-    }
-}
-
-/// Points to look through, coordinate by coordinate.
-#[derive(Debug, Default)]
-struct Candidates {
-    x: Vec<Real>,
-    y: Vec<Real>,
-    z: Vec<Real>,
-    index: Vec<u32>,
-    distance2: Vec<Real>,
-}
-
-impl Candidates {
-    fn clear(&mut self) {
-        self.x.clear();
-        self.y.clear();
-        self.z.clear();
-        self.index.clear();
-    }
-
-    fn extend(&mut self, points: &[Vec3], range: Range<u32>) {
-        for (p, i) in points[range.start as usize..range.end as usize].iter().zip(range) {
-            self.x.push(p.x);
-            self.y.push(p.y);
-            self.z.push(p.z);
-            self.index.push(i);
-        }
-    }
-
-    /// Replaces `near` by the `count` nearest to `x`, nearest first and equally near ones by index. False if they may not be the nearest of all: the last is not nearer
-    /// than the square root of `seen2` (m^2). `filter` (m^2) is a guess of what leaves over a few more than are asked for.
-    fn nearest(&mut self, x: &Vec3, count: usize, filter: Real, seen2: Real, near: &mut Vec<Candidate>) -> bool {
-        let terms = self.x.iter().zip(&self.y).zip(&self.z);
-        self.distance2.clear();
-        self.distance2.extend(terms.map(|((a, b), c)| {
-            let (a, b, c) = (a - x.x, b - x.y, c - x.z);
-            a * a + b * b + c * c
-        }));
-        if !(self.keep_below(filter, near) >= count || (filter < Real::INFINITY && self.keep_below(Real::INFINITY, near) >= count)) {
-            return false;
-        }
-        if near.len() > 2 * count {
-            near.select_nth_unstable(count - 1);
-            near.truncate(count);
-        }
-        near.sort_unstable();
-        near.truncate(count);
-        seen2 == Real::INFINITY || near[count - 1].distance2() < seen2
-    }
-
-    /// Replaces `near` by the candidates up to a squared distance; returns their number. Without a branch on what is kept: no processor could foretell it.
-    fn keep_below(&self, filter: Real, near: &mut Vec<Candidate>) -> usize {
-        near.resize(self.index.len() + 1, Candidate::default());
-        let mut kept = 0;
-        for (&distance2, &index) in self.distance2.iter().zip(&self.index) {
-            near[kept] = Candidate { bits: distance2.to_bits(), index };
-            kept += usize::from(distance2 <= filter);
-        }
-        near.truncate(kept);
-        kept
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -435,11 +246,6 @@ mod tests {
             for i in 0..points.len() {
                 prop_assert_eq!(nearest.of(i), &brute(&sorted, i, nearest.k)[..], "point {}", i);
             }
-        }
-
-        #[test]
-        fn a_key_gives_back_its_cell(cell in prop::array::uniform3(0i64..2_097_152)) {
-            prop_assert_eq!(cell_with(key_of(cell)), cell);
         }
     }
 

@@ -92,7 +92,17 @@ fn elliptic_k_less_e(s: Real) -> Real {
 
 /// A material of a half-space that answers at once.
 pub fn half_space((e, nu): Elastic, mu: Real) -> Material {
-    Material::new("test", 1000.0, mu, e, nu, 0.01, 0.0, ComplianceModel::HalfSpace).unwrap()
+    let test = Material {
+        name: "test".into(),
+        density: 1000.0,
+        friction: mu.into(),
+        young_modulus: e,
+        poisson_ratio: nu,
+        layer_thickness: 0.01,
+        relaxation_time: 0.0,
+        model: ComplianceModel::HalfSpace,
+    };
+    test.checked().unwrap()
 }
 
 /// The scene with `n` control points on a piece of 1.6 contact radii at [`DEPTH`] of the ball (or of the flat, if it is the finer side), half as many on the other.
