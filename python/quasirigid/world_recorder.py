@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from quasirigid._quasirigid import StepReport, World
+from quasirigid._quasirigid import Body, StepReport, World
 from quasirigid.errors import InvalidValueError
 from quasirigid.scene_recording import DEFORMATION_RATE, SceneRecorder
 from quasirigid.view.world_scene import WorldScene
