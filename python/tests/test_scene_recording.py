@@ -104,6 +104,23 @@ def test_deformation_keeps_its_rate_when_few_steps_are_recorded(tmp_path: Path) 
     assert np.diff(written).min() == pytest.approx(0.02), "60 times a second, to the nearest of the rows that are 10 ms apart"
 
 
+def test_bodies_named_as_fingertips_show_what_they_feel(tmp_path: Path) -> None:
+    world = qr.World()
+    rubber = qr.Material.preset("rubber")
+    world.add_body(qr.Surface.box((0.05, 0.05, 0.02), points=1_000), rubber, motion="fixed")
+    tip = qr.Surface.fingertip((0.009, 0.009, 0.008), points=1_200)
+    pad = world.add_body(tip, rubber, mass=0.02, position=(0.0, 0.0, 0.0179), quaternion=(0.0, 1.0, 0.0, 0.0), name="left_tip")
+    with qr.record(world, tmp_path / "r.h5", fingertips=[pad]) as recording:
+        recording.append(world.step(20))
+    with SceneRecording(tmp_path / "r.h5") as back:
+        assert back.model.fingers == ("left tip",)
+        assert back.model.fingertips() == [pad.index]
+        assert back.peak_pressure() > 0.0
+    world.remove(pad)
+    with pytest.raises(qr.InvalidHandleError):
+        qr.record(world, tmp_path / "other.h5", fingertips=[pad])
+
+
 def test_phases_come_back_whole_or_are_refused(tmp_path: Path) -> None:
     world = qr.World()
     world.add_body(qr.Surface.sphere(0.02, points=300), qr.Material.preset("rubber"), mass=0.1)
