@@ -14,6 +14,8 @@ from quasirigid.view.scene import SceneModel
 HEIGHT = 104
 """Of each plot, px: all of the panel is seen in a window of 720 px, without a scroll bar over its right edge."""
 GREY = "#6b7280"
+FROM_ZERO = {"min": {"pad": 0.0, "soft": 0.0, "mode": 1}, "max": {"pad": 0.1, "soft": 0.0, "mode": 1}}
+"""A range (of uPlot) that always has zero in it: what hardly changes looks like that, and ticks are short numbers."""
 
 
 class Curves:
@@ -65,7 +67,7 @@ def _plot(server: viser.ViserServer, title: str, look: Sequence[tuple[str, str]]
         data=(nothing, *(np.zeros(2) for _ in look)),
         series=(uplot.Series(label="time, s"), *(uplot.Series(label=name, stroke=colour, width=2) for name, colour in look)),
         title=title,
-        scales={"x": uplot.Scale(time=False), "y": uplot.Scale(auto=True)},
+        scales={"x": uplot.Scale(time=False), "y": uplot.Scale(auto=True, range=FROM_ZERO)},
         axes=(uplot.Axis(size=24, font="10px sans-serif"), uplot.Axis(size=36, font="10px sans-serif")),
         legend=uplot.Legend(show=False),
         height=HEIGHT,
