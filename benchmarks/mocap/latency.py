@@ -2,7 +2,7 @@
 
 Run on a quiet machine:  python benchmarks/mocap/latency.py  (15 s for each run; docs/mocap.md has the figures)
 
-`quasirigid grasp --mocap dtrack` listens on a port of this machine, `quasirigid mocap replay` sends it the shipped take in another process. Everything
+`quasirigid mocap grasp dtrack` listens on a port of this machine, `quasirigid mocap replay` sends it the shipped take in another process. Everything
 runs at the pace of the clock, so what else the machine does is in the figures: two free processors at least, and nothing that begins or ends
 meanwhile. The exit code is 1 if a run misses the bar.
 """
@@ -29,7 +29,7 @@ COUPLINGS = ("tips", "hand")
 def run(coupling: str, options: list[str]) -> dict[str, Any]:
     """Summary of one session."""
     with tempfile.TemporaryDirectory() as out:
-        listen = [*PROGRAM, "grasp", "--mocap", "dtrack:0", "--bind", "127.0.0.1", "--coupling", coupling, "--json", "--out", out, *options]
+        listen = [*PROGRAM, "mocap", "grasp", "dtrack:0", "--bind", "127.0.0.1", "--coupling", coupling, "--json", "--out", out, *options]
         with subprocess.Popen(listen, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as session:
             watchdog = threading.Timer(LONGEST, session.kill)
             watchdog.start()

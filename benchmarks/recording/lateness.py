@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from quasirigid.grasp import Grasp
-from quasirigid.grasp_options import GraspOptions
-from quasirigid.scene_recording import SceneRecorder
+from quasirigid.grasp.experiment import Grasp
+from quasirigid.grasp.options import GraspOptions
+from quasirigid.recording.scene import SceneRecorder
 
 
 class Timed:
@@ -48,7 +48,7 @@ class Timed:
 def measure(path: Path, *, hold: float, paced: bool, silent: bool) -> dict[str, Any]:
     """One grasp."""
     grasp = Grasp(GraspOptions(hold=hold))
-    grasp.paced = paced
+    grasp.real_time = paced
     late: list[float] = []
     step = grasp._step
 

@@ -22,9 +22,9 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "python/tests"))
 
 from browser import open_page, running_browser
 
-from quasirigid.grasp_options import GraspOptions
-from quasirigid.view.play import Play
-from quasirigid.view.server import LiveView
+from quasirigid.grasp.options import GraspOptions
+from quasirigid.live.play import Play
+from quasirigid.live.server import LiveView
 
 COUNT_DRAWING = """
 window.work_ = {frames: 0, drawn: 0, calls: 0, triangles: 0};

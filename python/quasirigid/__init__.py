@@ -8,11 +8,14 @@
 True
 """
 
-from typing import TYPE_CHECKING
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
+from quasirigid._moved import MOVED, install
 from quasirigid._quasirigid import (
     STAGES,
     Body,
+    Collider,
     ComplianceMatrix,
     Contacts,
     ContactSolution,
@@ -23,6 +26,7 @@ from quasirigid._quasirigid import (
     HandModel,
     MassProperties,
     Material,
+    Snapshot,
     StepReport,
     Surface,
     World,
@@ -31,6 +35,7 @@ from quasirigid._quasirigid import (
 from quasirigid.errors import (
     CaptureFileError,
     DegenerateSurfaceError,
+    ForkError,
     GraspPlanError,
     InvalidHandleError,
     InvalidShapeError,
@@ -41,26 +46,26 @@ from quasirigid.errors import (
     PacketError,
     QuasirigidError,
     RecordingError,
+    SnapshotError,
     SurfaceWarning,
     UnknownNameError,
 )
-from quasirigid.grasp_plan import GraspPlan, HandGeometry, plan_grasp
-from quasirigid.objects import ObjectGeometry, load_object
-from quasirigid.recorder import Recorder
-from quasirigid.recording import Column, Recording
-from quasirigid.scene_recording import SceneRecording
-from quasirigid.solver import ContactProblem, solve_contacts
-from quasirigid.world_recorder import record
 
 if TYPE_CHECKING:
+    from quasirigid.grasp.plan import GraspPlan, HandGeometry, plan_grasp
+    from quasirigid.objects import ObjectGeometry, load_object
+    from quasirigid.recording import Column, Recording
+    from quasirigid.recording.recorder import Recorder
+    from quasirigid.recording.scene import SceneRecording
+    from quasirigid.recording.world import record
+    from quasirigid.solver import ContactProblem, solve_contacts
     from quasirigid.view import open_view as view
-else:
-    from quasirigid import view  # the package, which can be called
 
 __all__ = [
     "STAGES",
     "Body",
     "CaptureFileError",
+    "Collider",
     "Column",
     "ComplianceMatrix",
     "ContactProblem",
@@ -68,6 +73,7 @@ __all__ = [
     "ContactStatus",
     "Contacts",
     "DegenerateSurfaceError",
+    "ForkError",
     "Friction",
     "GraspPlan",
     "GraspPlanError",
@@ -90,6 +96,8 @@ __all__ = [
     "Recording",
     "RecordingError",
     "SceneRecording",
+    "Snapshot",
+    "SnapshotError",
     "StepReport",
     "Surface",
     "SurfaceWarning",
@@ -102,3 +110,38 @@ __all__ = [
     "solve_contacts",
     "view",
 ]
+
+# What needs SciPy, trimesh, h5py or Matplotlib is imported when it is first used: `import quasirigid` costs what NumPy costs (PEP 562).
+_MODULE_OF = {
+    "Column": "recording",
+    "ContactProblem": "solver",
+    "GraspPlan": "grasp.plan",
+    "HandGeometry": "grasp.plan",
+    "ObjectGeometry": "objects",
+    "Recorder": "recording.recorder",
+    "Recording": "recording",
+    "SceneRecording": "recording.scene",
+    "load_object": "objects",
+    "plan_grasp": "grasp.plan",
+    "record": "recording.world",
+    "solve_contacts": "solver",
+}
+_MODULES = ("grasp", "mocap", "objects", "recording", "solver", "view")
+"""Modules that need not be imported by name."""
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULE_OF:
+        value = getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+        globals()[name] = value
+        return value
+    if name in _MODULES or name in MOVED:
+        return import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+install()

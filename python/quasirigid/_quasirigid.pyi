@@ -1,12 +1,22 @@
 """The compiled engine.
 
 Units are SI throughout: m, kg, s, N, Pa, rad. The world frame has z up. Quaternions are (w, x, y, z).
-Arrays are NumPy ``float64`` unless said otherwise; every array handed out is a copy that you own, and every array
-handed in may be anything that ``numpy.asarray`` understands. ``(n, 3)`` is a shape.
+Arrays are NumPy ``float64`` unless said otherwise; every array handed out is a copy, and every array
+handed in may be anything that ``numpy.asarray`` understands. ``(n, 3)`` is a shape. The copy is yours, but for
+properties that are state (all of ``Body``, ``Hand`` and ``World``) or part of a small value (``MassProperties``, ``Friction``,
+``HandModel``, ``Calibration``): those are read-only, for nothing would come of a change. Writing into one raises ``InvalidValueError``,
+which says what to do instead; ``.copy()`` is yours. ``hand.joint_targets += 0.1`` works, for it assigns.
+
+``Surface``, ``MassProperties``, ``ComplianceMatrix``, ``Friction``, ``Material``, ``HandModel``, ``Calibration``, ``HandFrame`` and ``Take`` are
+values: they never change, are equal if their contents are, can be keys, copied and pickled (a surface is built again, to the same bits).
+Two ``Body`` or ``Hand`` objects of one body or hand are equal, and are the same key.
+
+After ``os.fork`` (``multiprocessing`` with its default on Linux up to Python 3.13) all of this works in the child, worlds of the parent too. What
+works through a thread of the parent (``Receiver``, ``Replay``, ``TakeWriter``), or was in use by one at the fork, raises ``ForkError`` there.
 
 Errors come from ``quasirigid.errors`` and say what was expected, what came and what to do:
 ``InvalidValueError`` (NaN, infinity, wrong sign or range), ``InvalidShapeError``, ``DegenerateSurfaceError``,
-``UnknownNameError`` and ``InvalidHandleError`` (a body that was removed). Nothing is raised while a step runs:
+``UnknownNameError``, ``InvalidHandleError`` (a body that was removed) and ``ForkError``. Nothing is raised while a step runs:
 a step reports through ``StepReport``.
 """
 
@@ -32,6 +42,8 @@ FloatArray = npt.NDArray[np.float64]
 @final
 class Surface:
     """A point-sampled surface: points with outward normals, in the frame of its body.
+
+    Building one can be ended with Ctrl-C, and more points than fit in memory are refused before any is made.
 
     Control points are the places that carry contact forces and elastic displacements; there are fewer of them than
     points. Where ``control_points`` is ``None`` the engine takes one control point for about 7.5 points.
@@ -68,8 +80,13 @@ class Surface:
         ``normals`` (n, 3) point outward and need not have unit length; without them they are estimated and oriented
         consistently. ``areas`` (n,) m^2 are what each point stands for; without them they are estimated.
 
-        Raises ``InvalidShapeError``, ``InvalidValueError`` (NaN, infinity, zero normal, area <= 0) or
-        ``DegenerateSurfaceError`` (too few points, all on one line or in one place).
+        The cloud is checked first, see docs/objects.md. Stray points are left out unless ``areas`` are given, so that
+        ``len(surface)`` may be less than n; normals without a common side are oriented, and those of a closed surface
+        that point in are turned outward; noise is smoothed. Each is said by a ``SurfaceWarning``.
+
+        Raises ``InvalidShapeError``, ``InvalidValueError`` (NaN, infinity, zero normal, area <= 0; normals that stand
+        across the surface, as colours do; more points than fit in memory) or ``DegenerateSurfaceError`` (too few points,
+        all on one line or in one place). Ctrl-C ends it with ``KeyboardInterrupt``.
         """
     @property
     def points(self) -> FloatArray:
@@ -129,7 +146,7 @@ class MassProperties:
     def inertia(self) -> FloatArray:
         """(3, 3) kg m^2 about the centre of mass, body axes."""
     def scaled_to_mass(self, mass: float) -> MassProperties:
-        """The same body, made of a denser or lighter stuff, so that it weighs ``mass`` kg."""
+        """The same body, made of a denser or lighter material, so that it weighs ``mass`` kg."""
 
 @final
 class ComplianceMatrix:
@@ -163,6 +180,10 @@ class Friction:
     ``kinetic + (static - kinetic) * exp(-(v / stribeck_velocity)**2)``, and a viscous traction ``viscous * v`` comes on top.
     With a ``direction`` these coefficients hold along it, and are ``ratio`` times as large across it: the friction circle
     becomes an ellipse. ``Friction(0.5)`` is Coulomb's law.
+
+    >>> import quasirigid as qr
+    >>> qr.Friction(0.5) == qr.Friction(0.5, 0.5), qr.Friction(0.5) in {qr.Friction(0.5): "rubber on rubber"}
+    (True, True)
     """
 
     def __init__(
@@ -267,6 +288,9 @@ class HandModel:
         """The built-in hand: a thumb (finger 0) and two fingers that oppose it, 4 joints each
         (abduction, proximal, middle, distal). Hand frame: origin in the palm, fingers along -z, closing along x.
         """
+    @staticmethod
+    def three_finger_link_radii() -> tuple[float, float, float]:
+        """Radii of the proximal, middle and distal phalanx of the built-in hand, m: of their inertia, and of what is drawn."""
     def with_gains(self, stiffness: float, damping: float) -> HandModel:
         """The same hand with the stiffness and the damping of all position controllers multiplied by these factors.
 
@@ -286,6 +310,9 @@ class HandModel:
     def upper_limits(self) -> FloatArray:
         """(fingers, joints) rad."""
     @property
+    def knuckles(self) -> FloatArray:
+        """Where the first joint of each finger is, hand frame, (fingers, 3) m."""
+    @property
     def pad_semi_axes(self) -> FloatArray:
         """Semi-axes of the pads' ellipsoid: along the finger, across it, out of the pad, (3,) m."""
 
@@ -304,6 +331,11 @@ class Body:
     @property
     def mass(self) -> float:
         """kg; 0 for a fixed body."""
+    @property
+    def colliders(self) -> list[Collider]:
+        """The surfaces that it carries, in the order in which they were added. That of ``World.add_body`` is the first; ``surface``, ``material``,
+        ``deformed_points``, ``deformed_normals``, ``moved_points`` and ``displacements`` are those of the first.
+        """
     @property
     def surface(self) -> Surface | None:
         """The surface at rest, body frame."""
@@ -352,10 +384,14 @@ class Body:
         damping: npt.ArrayLike,
         linear_velocity: npt.ArrayLike = (0.0, 0.0, 0.0),
         angular_velocity: npt.ArrayLike = (0.0, 0.0, 0.0),
+        max_pull: npt.ArrayLike | None = None,
+        max_speed: npt.ArrayLike | None = None,
     ) -> None:
-        """Pull the body to a pose by a damped spring, taken implicitly: any stiffness is stable.
+        """Pull the body to a pose by a damped spring, integrated implicitly: any stiffness is stable.
 
-        ``stiffness`` (2,): N/m, N m/rad; ``damping`` (2,): N s/m, N m s/rad.
+        ``stiffness`` (2,): N/m, N m/rad; ``damping`` (2,): N s/m, N m s/rad. ``max_pull`` (2,): N, N m, most that it pulls with, however far the target;
+        ``max_speed`` (2,): m/s, rad/s, most speed that it draws with a body that nothing else moves (where the damping is too little for that it is raised).
+        Without a limit where left out. Raises ``InvalidValueError`` for a limit that is not above 0.
         """
     def clear_drive(self) -> None:
         """Let go of the spring of ``set_drive``."""
@@ -368,6 +404,56 @@ class Body:
         """The points of the surface that are displaced: their indices (k,) and where they are, (k, 3) m, body frame."""
     def displacements(self) -> FloatArray:
         """Elastic displacement ``u`` at the control points, (m, 3) m, body frame."""
+
+@final
+class Collider:
+    """A surface on a link of a body: what touches. Made by ``World.add_body``, ``World.add_hand`` and ``World.add_collider``; raises
+    ``InvalidHandleError`` once it, or its body, was removed.
+
+    Two colliders of one body never touch each other, nor do two that are fixed, nor fingers of one hand. Others may if each of them meets a group of the
+    other, ``a.mask & b.group and b.mask & a.group``, and the pair is not excluded (``World.exclude``). By default everything meets everything.
+    """
+
+    @property
+    def id(self) -> int:
+        """The number that ``Contacts.collider_a`` and ``Contacts.collider_b`` speak of. It stays the same for as long as the collider is there; later it may be that
+        of another.
+        """
+    @property
+    def body(self) -> Body | Hand:
+        """What carries it."""
+    @property
+    def finger(self) -> int | None:
+        """Which finger of the hand carries it; ``None`` on a body."""
+    @property
+    def link(self) -> int:
+        """Link of the body, or of the finger, that it is fixed to, from 0; 0 for a rigid body."""
+    @property
+    def surface(self) -> Surface:
+        """The surface at rest, frame of the link."""
+    @property
+    def material(self) -> Material:
+        """What it is made of. Settable: holds from the next step on, what is elastically displaced stays so."""
+    @material.setter
+    def material(self, value: Material) -> None: ...
+    @property
+    def group(self) -> int:
+        """The groups that it belongs to, one for each bit of 32. Settable: where it may no longer touch what it is in contact with, the contact
+        ends with the next step, and what is elastically displaced relaxes.
+        """
+    @group.setter
+    def group(self, value: int) -> None: ...
+    @property
+    def mask(self) -> int:
+        """The groups that it meets, one for each bit of 32. Settable, as ``group``."""
+    @mask.setter
+    def mask(self, value: int) -> None: ...
+    def deformed_points(self) -> FloatArray:
+        """Points of the surface as deformed now, (n, 3) m, world."""
+    def displacements(self) -> FloatArray:
+        """Elastic displacement ``u`` at the control points, (m, 3) m, frame of the link."""
+    def remove(self) -> None:
+        """Take it off its body, with what touched it; the handle is invalid from then on. The body stays, and no other contact changes."""
 
 @final
 class Hand:
@@ -416,6 +502,10 @@ class Hand:
         """Frames of the links, (fingers, joints, 7): origin x y z on the joint's axis (m, world) and quaternion (w, x, y, z),
         link frame to world. A straight finger hangs along -z of these frames, palmar side towards +x.
         """
+    def blocked_forces(self, joint_targets: npt.ArrayLike) -> FloatArray:
+        """Force with which the middle of each pad would press on something that holds it where it is now, if its controllers had the targets
+        ``joint_targets`` (fingers, joints) rad: (fingers, 3) N, world. Without damping, weight and torque limits.
+        """
     def inverse_kinematics(self, finger: int, position: npt.ArrayLike, normal: npt.ArrayLike) -> FloatArray:
         """Joint positions (joints,) rad that bring the pad's apex of ``finger`` to ``position`` (3,) m with the pad facing
         ``normal`` (3,), both in the hand frame. Raises ``InvalidValueError`` where the finger cannot reach.
@@ -455,6 +545,8 @@ class Hand:
         """Outward unit normals of the deformed points of a fingertip, (n, 3), world."""
     def moved_points(self, finger: int) -> tuple[npt.NDArray[np.uint32], FloatArray]:
         """The displaced points of a fingertip: their indices (k,) and where they are, (k, 3) m, frame of its last link."""
+    def colliders(self, finger: int) -> list[Collider]:
+        """The surfaces that a finger carries, in the order in which they were added; its pad is the first."""
     def surface(self, finger: int) -> Surface | None:
         """A fingertip at rest, frame of its last link."""
     @property
@@ -496,7 +588,7 @@ class Grip:
         """
     @property
     def squeeze(self) -> float:
-        """The force asked for, N. Settable; a held object is then squeezed anew."""
+        """The force asked for, N. Settable; a held object is then squeezed again."""
     @squeeze.setter
     def squeeze(self, value: float) -> None: ...
     def forces(self) -> FloatArray:
@@ -509,6 +601,19 @@ class Grip:
         """Let go: the pads travel back to where they started."""
     def close(self) -> None:
         """Close again; pads that have missed start again from the start of their paths."""
+    def restore(self, earlier: Grip) -> None:
+        """Go on from the state of ``earlier``, a ``copy.copy`` of this grip: with ``World.restore``, to take a grasp back to that time.
+
+            before, grip_before = world.snapshot(), copy.copy(grip)
+            ...
+            world.restore(before)
+            grip.restore(grip_before)
+
+        A copy that goes on by itself: ``copy.deepcopy((world, grip))``, both in one call, and the new grip closes the hand of the new world. Grips
+        are pickled together with their world.
+
+        Raises ``InvalidHandleError`` for a grip of another hand.
+        """
 
 @final
 class ContactStatus:
@@ -565,8 +670,20 @@ class Contacts:
     def body_b(self) -> npt.NDArray[np.uint32]:
         """(n,) index of the other body."""
     @property
+    def link_a(self) -> npt.NDArray[np.uint32]:
+        """(n,) link of body a that carries the control point, from 0; 0 for a rigid body."""
+    @property
+    def link_b(self) -> npt.NDArray[np.uint32]:
+        """(n,) link of body b."""
+    @property
+    def collider_a(self) -> npt.NDArray[np.uint32]:
+        """(n,) ``Collider.id`` of the surface whose control point it is: unlike ``body_a`` it does not change when a body is removed."""
+    @property
+    def collider_b(self) -> npt.NDArray[np.uint32]:
+        """(n,) ``Collider.id`` of the other surface."""
+    @property
     def control_point(self) -> npt.NDArray[np.uint32]:
-        """(n,) index of the control point on the surface of body a."""
+        """(n,) index of the control point on the surface of collider a."""
     def __len__(self) -> int: ...
 
 @final
@@ -604,15 +721,25 @@ class StepReport:
     def step_time(self) -> float:
         """Seconds for the whole step."""
     @property
-    def coarse(self) -> bool:
+    def budget_exhausted(self) -> bool:
         """True if the traversal budget ran out, so that collision stopped at a coarser level of the sphere trees."""
     @property
+    def coarse(self) -> bool:
+        """The old name of ``budget_exhausted``, which goes with the next release: a ``DeprecationWarning`` says so."""
+    @property
     def ill_posed(self) -> int:
-        """Contacts left out because nothing can move or give there."""
+        """Contacts left out because nothing can move or deform there."""
     @property
     def quarantined(self) -> list[int]:
-        """Indices of bodies that went non-finite, were rolled back and set aside in this step, or in any step of this ``World.step``. Told once;
+        """Indices of bodies that went non-finite, were rolled back and quarantined in this step,
+        or in any step of this ``World.step``. Reported once;
         ``World.quarantined``, ``Body.quarantined`` and ``Hand.quarantined`` go on saying so.
+        """
+    @property
+    def penetrated(self) -> list[tuple[int, int]]:
+        """Pairs of indices of bodies that have penetrated each other by half or more, or lie one inside the other, in this step or in any step of
+        this ``World.step``. They are pushed apart the shortest way at ``push_out_speed``; of equal ways, as for bodies with one centre,
+        the first in a fixed order is chosen.
         """
     def __repr__(self) -> str: ...
 
@@ -644,7 +771,10 @@ class ContactSolution:
     @property
     def converged(self) -> bool: ...
     @property
-    def stop_reason(self) -> Literal["converged", "sweep-cap", "time-budget", "non-finite"]: ...
+    def stop_reason(self) -> Literal["converged", "sweep-cap", "stagnated", "time-budget", "non-finite"]:
+        """``sweep-cap``: ``max_sweeps`` were done. ``stagnated``: sweeps were left, but nothing made the reactions better; there is
+        no solution, or rounding is in the way.
+        """
     @property
     def asymmetry(self) -> float:
         """Largest entry of ``W - W^T`` over the largest of ``W``."""
@@ -655,6 +785,9 @@ class ContactSolution:
         """Number of contacts."""
     def __repr__(self) -> str: ...
 
+def _screen_cloud(
+    points: npt.ArrayLike, normals: npt.ArrayLike | None = None, /
+) -> tuple[npt.NDArray[np.uint32], FloatArray | None, list[str]]: ...
 def _solve_contacts(
     W: object,
     q: npt.ArrayLike,
@@ -691,8 +824,8 @@ class World:
         ``dt`` time step, s. ``gravity`` (3,) m/s^2. ``threads`` changes the speed, never the result.
         ``tolerance`` residual at which Gauss-Seidel stops, without unit; ``max_sweeps`` its cap; ``time_budget`` seconds
         after which it stops wherever it is (``None``: never). ``traversal_budget`` most pairs of spheres that collision
-        looks at in a step (``None``: all). ``contact_margin`` m: contacts up to this gap enter the problem
-        (``None``: chosen from the sampling). ``collision_every`` looks at the surfaces only in every so many-th step, and carries the contacts along
+        considers in a step (``None``: all). ``contact_margin`` m: contacts up to this gap enter the problem
+        (``None``: chosen from the sampling). ``collision_every`` searches the surfaces only in every so many-th step, and carries the contacts along
         with the bodies in between: cheaper in motion, off by ``d**2 / (2 R)`` after a move ``d`` on a radius ``R``.
         ``push_out_speed`` m/s: how fast bodies that were put into each other come apart
         (``None``: 0.02; ``inf``: within a step, with the velocity that this takes). ``friction_rule`` makes the friction of a
@@ -768,23 +901,61 @@ class World:
         """Add a hand and return its handle. ``None``: the built-in three-finger hand with pads of ``fingertip_pulp``.
         ``points`` and ``control_points`` are per fingertip.
         """
-    def remove(self, handle: Body | Hand) -> None:
-        """Take a body or a hand out of the world; its handle is invalid from then on."""
+    def add_collider(
+        self,
+        body: Body | Hand,
+        surface: Surface,
+        material: Material,
+        *,
+        link: int = 0,
+        finger: int | None = None,
+        group: int = 1,
+        mask: int = 0xFFFFFFFF,
+    ) -> Collider:
+        """Fix another surface (frame of the link) to a body, or to a link of a finger of a hand, and return its handle. Mass and inertia stay.
+
+        ``link``: from 0; a rigid body has one, a finger one for each joint, the last with the pad. ``finger``: of a hand.
+        ``group`` and ``mask``: what it may touch, see ``Collider``.
+
+        Raises ``InvalidValueError`` for a link that the body does not have, and ``InvalidHandleError`` for a body that was removed, or a hand without
+        ``finger``. Views and recordings show the first collider of a body only, and the contacts of all.
+
+        >>> world = World()
+        >>> body = world.add_body(Surface.sphere(0.01, points=400), Material.preset("rubber"), mass=0.1)
+        >>> nose = world.add_collider(body, Surface.sphere(0.002, points=200), Material.preset("steel"), group=2)
+        >>> len(body.colliders), nose.body == body, nose.link, nose.group
+        (2, True, 0, 2)
+        """
+    @property
+    def colliders(self) -> list[Collider]:
+        """Handles of all surfaces, in the order in which they were added."""
+    def exclude(self, a: Collider | Body | Hand, b: Collider | Body | Hand) -> None:
+        """From the next step on ``a`` and ``b`` never touch, whatever their groups say. A body or a hand stands for the colliders that it has now.
+        What is in contact ends as with ``Collider.group``. Raises ``InvalidValueError`` for one collider twice.
+        """
+    def include(self, a: Collider | Body | Hand, b: Collider | Body | Hand) -> None:
+        """Take back ``exclude``."""
+    def remove(self, handle: Body | Hand | Collider) -> None:
+        """Take a body, a hand or a collider out of the world, with what touched it; its handle is invalid from then on. Contacts between others stay as
+        they are.
+        """
     def set_friction(self, a: Material | Body | Hand | str, b: Material | Body | Hand | str, friction: float | Friction | None) -> None:
         """Say what friction is between ``a`` and ``b``, instead of combining it from two materials, from the next step on.
 
-        A material, or its name, stands for all bodies of that name, also those added later; a hand for its fingers. What is
+        A material, or its name, stands for all bodies of that name, also those added later; a hand for its fingers. A name must be
+        one of ``Material.preset_names()``, or of the material of a body in this world or of a pair set before: give the ``Material``
+        itself where its bodies come later. What is
         said of two bodies goes before what is said of a body and a material, and that before two materials; of equals the
         last one set holds. ``None`` takes back what was said of this pair. A direction of friction lies in the frame of
         ``a`` (of the body added first, if both are one material).
 
-        Raises ``InvalidHandleError`` for a body that was removed or is of another world.
+        Raises ``InvalidHandleError`` for a body that was removed or is of another world, and ``UnknownNameError`` for another name.
         """
     def step(self, n: int = 1) -> StepReport:
-        """Advance by ``n`` steps of ``dt``. The GIL is released meanwhile.
+        """Advance by ``n`` >= 1 steps of ``dt``. The GIL is released meanwhile. Raises ``InvalidValueError`` for 0 and less.
 
-        The report is that of the last step, with what must not be missed of the others: every body set aside (``quarantined``),
-        the sum of ``ill_posed``, whether any was ``coarse``, and ``residual``, ``converged`` and ``stop_reason`` of the worst.
+        The report is that of the last step, with what must not be missed of the others: every body in ``quarantined``, every pair
+        in ``penetrated``, the sum of ``ill_posed``, whether any has ``budget_exhausted``, and ``residual``, ``converged`` and ``stop_reason`` of the worst.
         """
     def contacts(self) -> Contacts:
         """The contacts of the last step."""
@@ -795,7 +966,60 @@ class World:
         Coulomb: where friction has a direction tangent2 is stretched by ``Contacts.friction_ratio``, and viscous drag is in ``q``.
         """
     def state_hash(self) -> int:
-        """64-bit hash of poses, velocities, joints and elastic displacements: same input, same bits, whatever the number of threads."""
+        """64-bit hash of all that decides the future: worlds with the same hash go on with the same bits, whatever the number of threads. Copies hash
+        alike. Numbers of threads, measured times and scratch are not in it. 0.3 ms for a held box, and once some milliseconds for every new surface.
+        """
+    def snapshot(self) -> Snapshot:
+        """The whole state as it is now, to come back to and to branch from."""
+    def restore(self, snapshot: Snapshot) -> None:
+        """Take this world back to ``snapshot``, of this world or of another. Steps from here give the same bits as they did from there.
+
+        Handles of bodies and hands that were there at the time name them again, those of later ones raise ``InvalidHandleError``. The number of
+        threads stays that of this world. What is beside the world is taken back by itself: ``Grip.restore``, and ``restore`` of a coupling.
+        """
+    @staticmethod
+    def from_snapshot(snapshot: Snapshot) -> World:
+        """A new world in the state of ``snapshot``, independent of the one that it is of; ``copy.copy(world)`` does both steps. Surfaces are shared."""
+    def body(self, handle: Body) -> Body:
+        """In a copy of a world: its own handle of the body that ``handle`` names in the original. Raises ``InvalidHandleError`` if there is none here."""
+    def hand(self, handle: Hand) -> Hand:
+        """In a copy of a world: its own handle of the hand that ``handle`` names in the original. Raises ``InvalidHandleError`` if there is none here."""
+    def collider(self, handle: Collider) -> Collider:
+        """In a copy of a world: its own handle of the collider that ``handle`` names in the original. Raises ``InvalidHandleError`` if there is none here."""
+
+@final
+class Snapshot:
+    """The state of a world at one time. Never changes; can be restored any number of times, compared, hashed and pickled.
+
+    In it: bodies with velocities, drives, targets and loads, elastic displacements, what pairs of bodies remember of their contact, friction,
+    parameters, the caches of the search, and contacts, forces and report of the last step. Not in it: what is beside a world (a ``Grip`` and
+    couplings have a ``restore`` of their own), and memory that is written before it is read. Surfaces are shared with the world.
+
+        >>> held = world.snapshot()
+        >>> for squeeze in (2.0, 4.0):
+        ...     world.restore(held)
+        ...     world.step(100)
+    """
+
+    @property
+    def time(self) -> float:
+        """Simulated time at which it was taken, s."""
+    @property
+    def steps(self) -> int:
+        """Steps that the world had taken."""
+    @property
+    def nbytes(self) -> int:
+        """About how much memory it takes, without the surfaces."""
+    def to_bytes(self) -> bytes:
+        """As bytes, to be kept or sent: pickle does the same. Surfaces are in them, once each (65 bytes a point)."""
+    @staticmethod
+    def from_bytes(data: bytes) -> Snapshot:
+        """Read what ``to_bytes`` has written. The bytes may come from anywhere: all of them is checked, nothing in them is executed.
+
+        Surfaces are built anew, which takes as long as it took at first. Raises ``SnapshotError`` for bytes that are damaged, or of another
+        version of quasirigid.
+        """
+    def __hash__(self) -> int: ...
 
 # --- motion capture -------------------------------------------------------------------------------------------------------
 # `quasirigid.mocap` has these under the same names. Rows of hand arrays: thumb, index, middle, ring, little, palm.
@@ -872,7 +1096,7 @@ class Receiver:
         ``tracker_rate``), s (``jitter, lateness, tracker_latency, pick_up_mean, pick_up_max``) and ``last_refusal``.
         """
     def close(self) -> None:
-        """Stop and close the port."""
+        """Stop and close the port. Raises ``ForkError`` in a forked child, as all but ``address``; to leave a ``with`` block there does nothing."""
     def __enter__(self) -> Receiver: ...
     def __exit__(self, *_exception: object) -> None: ...
 
@@ -942,7 +1166,8 @@ class Replay:
         serve_greeters: bool = True,
         bodies: bool = False,
     ) -> None:
-        """Start to send to ``targets`` (``HOST:PORT``, ``PORT``, ``GROUP:PORT``) and to whoever greets; without targets it waits for a greeting.
+        """Start to send to ``targets`` (``HOST:PORT``, ``PORT``, ``GROUP:PORT``) and to whoever greets from a local network; without targets it waits
+        for a greeting.
 
         ``rounds`` 0 sends until it is stopped. ``source_port`` falls back to any port if it is taken: see ``address``. ``bind`` is the address of this
         machine to send from, and to hear greetings at: by default 127.0.0.1 if all ``targets`` are there, else any. ``bodies`` also sends each fingertip
@@ -954,8 +1179,9 @@ class Replay:
     def wait(self, timeout: float) -> bool:
         """Wait for the end, at most ``timeout`` s; the GIL is released. Whether it has ended."""
     def state(self) -> dict[str, Any]:
-        """``sent, rounds, greetings, targets, displaced`` (greeters that had to make room: 16 are served), ``expired`` (that did not greet again for an
-        hour), ``refused, latest`` (s behind the schedule at worst) and ``done``.
+        """``sent, rounds, greetings, targets, displaced`` (greeters that had to make room: 16 are served), ``expired`` (that did not greet again for
+        10 s), ``strangers`` (greetings from outside local networks), ``withheld`` (packets that a greeter was not sent, beyond 500 in a second), ``refused,
+        latest`` (s behind the schedule at worst) and ``done``.
         """
     def stop(self) -> None:
         """Stop."""
@@ -984,7 +1210,7 @@ class HandFrame:
         source: Literal["webxr", "dtrack-hand", "dtrack-bodies", "synthetic"] = "webxr",
         frame: Literal["tracker", "world"] = "tracker",
     ) -> None:
-        """From ``positions`` (6, 3) m, ``quaternions`` (6, 4), ``pad_radii`` (6,) m and ``tracked`` (6,). Rows that are not tracked are not looked at.
+        """From ``positions`` (6, 3) m, ``quaternions`` (6, 4), ``pad_radii`` (6,) m and ``tracked`` (6,). Rows that are not tracked are not read.
 
         ``time`` s on the tracker's clock, ``arrival`` s on the clock of whoever asks for targets.
         """
@@ -1035,7 +1261,9 @@ class HandDecoder:
 
 @final
 class HandTracker:
-    """Takes frames when they come, gives targets when they are needed: smooth for any rate, jitter, loss and order."""
+    """Takes frames when they come, gives targets when they are needed: smooth for any rate, jitter, loss and order, and without poses that no hand
+    can have come to.
+    """
 
     def __init__(
         self,
@@ -1063,6 +1291,12 @@ class HandTracker:
     @property
     def delay(self) -> float:
         """How far in the past the hand is shown now, s."""
+    @property
+    def dropped(self) -> dict[str, Any]:
+        """What was not believed so far: ``frames`` of which a pose was dropped, ``parts``, how many poses of each part (those with none left out),
+        and these by fault: ``jumps`` where no hand can have come, ``exchanged`` fingers, ``flipped`` ones with the nail where the pad was.
+        ``relocations``: how often the hand or a part of it was believed to be elsewhere after all.
+        """
 
 @final
 class HandTargets:

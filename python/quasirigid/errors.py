@@ -1,6 +1,6 @@
 """What can be wrong with input: one exception tree, and one warning.
 
-Every exception says what was looked at, what was expected, what came, and what to do.
+Every exception says what was checked, what was expected, what came, and what to do.
 The compiled module raises the same classes.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 __all__ = [
     "CaptureFileError",
     "DegenerateSurfaceError",
+    "ForkError",
     "GraspPlanError",
     "InvalidHandleError",
     "InvalidShapeError",
@@ -19,6 +20,7 @@ __all__ = [
     "PacketError",
     "QuasirigidError",
     "RecordingError",
+    "SnapshotError",
     "SurfaceWarning",
     "UnknownNameError",
 ]
@@ -83,7 +85,9 @@ class CaptureFileError(QuasirigidError, OSError):
 
 
 class RecordingError(QuasirigidError, OSError):
-    """A recording that cannot be written: the disk is full, the place is read-only, the file is in use."""
+    """A recording that cannot be written, as the disk is full, the place is read-only or the file is in use; or one that cannot be read, as it is
+    missing, damaged, or something else than a recording.
+    """
 
 
 class NetworkError(QuasirigidError, OSError):
@@ -92,6 +96,14 @@ class NetworkError(QuasirigidError, OSError):
 
 class PacketError(QuasirigidError, ValueError):
     """A datagram that is no packet of the tracker's format."""
+
+
+class SnapshotError(QuasirigidError, ValueError):
+    """Bytes that are no snapshot of a world that this version can read: damaged, of another version, or something else."""
+
+
+class ForkError(QuasirigidError, RuntimeError):
+    """Something that works through a thread of the process that made it, or was in use there, and was used in a child forked from it."""
 
 
 class GraspPlanError(QuasirigidError, ValueError):

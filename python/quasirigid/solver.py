@@ -9,21 +9,26 @@ contact, in contact frames (normal, tangent1, tangent2), it asks for reactions `
 
 from __future__ import annotations
 
+import math
 import time
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from quasirigid._quasirigid import ContactSolution, _solve_contacts
-from quasirigid.errors import InvalidShapeError, InvalidValueError, ObjectFileError
+from quasirigid.arrays.real import finite_array, real_array
+from quasirigid.arrays.sparse import block_rows, checked_csr, csr_from_arrays, is_sparse
+from quasirigid.arrays.types import FloatArray
+from quasirigid.errors import InvalidShapeError, InvalidValueError, ObjectFileError, QuasirigidError
 
 __all__ = ["ContactProblem", "ContactSolution", "solve_contacts"]
 
-FloatArray = npt.NDArray[np.float64]
+SPARSE = ("data", "indices", "indptr", "shape")
+"""Arrays of a sparse ``W`` in a file, after ``W_``."""
 
 
 def solve_contacts(
@@ -60,54 +65,27 @@ def solve_contacts(
 
     Raises:
         InvalidShapeError: arrays that do not fit together.
-        InvalidValueError: NaN, infinity, a negative ``mu``, or a block on the diagonal of ``W`` that is not positive definite.
+        InvalidValueError: NaN, infinity, masked arrays, indices of a sparse ``W`` out of range, a negative ``mu``, or a block on the diagonal of
+            ``W`` that is not positive definite.
     """
     start = time.perf_counter()
-    matrix = _block_rows(W) if hasattr(W, "tobsr") else W
-    if isinstance(time_budget, int | float) and time_budget > 0:
+    matrix = block_rows(W) if is_sparse(W) else W
+    if isinstance(time_budget, int | float) and 0 < time_budget < 1e9:
         time_budget = max(time_budget - (time.perf_counter() - start), 1e-9)
     return _solve_contacts(matrix, q, mu, tolerance, max_sweeps, time_budget, warm_start)
-
-
-def _block_rows(W: Any) -> tuple[Any, Any, Any]:
-    """Row pointers, block columns and 3x3 blocks of a SciPy sparse matrix, in order and without duplicates."""
-    if len(W.shape) != 2 or W.shape[0] != W.shape[1] or W.shape[0] % 3 != 0:
-        raise InvalidShapeError("W", "shape (3n, 3n)", f"shape {W.shape}", "give three rows and columns per contact")
-    blocks = W if W.format == "bsr" and W.blocksize == (3, 3) else W.tocsr().tobsr(blocksize=(3, 3))
-    if not blocks.has_canonical_format:
-        blocks = blocks.copy()
-        blocks.sum_duplicates()
-    return blocks.indptr, blocks.indices, blocks.data
-
-
-def _from_block_rows(starts: Any, columns: Any, blocks: Any) -> Any:
-    """A SciPy sparse array (3n, 3n) from its block rows."""
-    from scipy.sparse import bsr_array
-
-    width = 3 * (len(starts) - 1)
-    return bsr_array((blocks, columns, starts), shape=(width, width))
 
 
 def _checked(what: str, value: Any, *shape: int) -> FloatArray:
     """Finite real numbers of that shape, -1 for any length."""
     wanted = f"({shape[0] if shape[0] >= 0 else 'n'}{',' if len(shape) == 1 else f', {shape[1]}'})"
-    try:
-        array = np.asarray(value)
-        numbers: FloatArray | None = array.astype(np.float64, copy=False) if array.dtype.kind in "biufO" and array.ndim else None
-    except (TypeError, ValueError, OverflowError):
-        numbers = None
-    if numbers is None:
-        raise InvalidShapeError(what, f"numbers of shape {wanted}", type(value).__name__, "give an array of real numbers")
+    numbers = real_array(what, value, wanted)
     if numbers.ndim != len(shape) or any(side not in (-1, found) for side, found in zip(shape, numbers.shape, strict=True)):
         hint = "W and q have three rows per contact, mu has one"
         raise InvalidShapeError(what, f"shape {wanted}", f"shape {numbers.shape}", hint)
-    if not np.isfinite(numbers).all():
-        got = f"{np.count_nonzero(~np.isfinite(numbers))} of {numbers.size} NaN or infinite"
-        raise InvalidValueError(what, "finite numbers only", got, "look at where they come from")
-    return numbers
+    return finite_array(what, numbers, wanted)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ContactProblem:
     """A contact problem, with the reactions that were found for it.
 
@@ -131,10 +109,10 @@ class ContactProblem:
         if mu.min(initial=0.0) < 0.0:
             raise InvalidValueError("mu", "friction coefficients >= 0", mu.min(), "0 is without friction")
         rows = 3 * len(mu)
-        if hasattr(self.W, "tocsr"):
+        if is_sparse(self.W):
             if tuple(self.W.shape) != (rows, rows):
                 raise InvalidShapeError("W", f"shape ({rows}, {rows})", f"shape {self.W.shape}", "W has three rows per contact, mu has one")
-            _checked("W", self.W.tocsr().data, -1)
+            checked_csr("W", self.W)
             W = self.W
         else:
             W = _checked("W", self.W, rows, rows)
@@ -164,8 +142,8 @@ class ContactProblem:
         A sparse ``W`` is written in CSR form as ``W_data``, ``W_indices``, ``W_indptr`` and ``W_shape``.
         """
         arrays: dict[str, Any] = {"q": self.q, "mu": self.mu}
-        if hasattr(self.W, "tocsr"):
-            csr = self.W.tocsr()
+        if is_sparse(self.W):
+            csr = checked_csr("W", self.W)
             arrays |= {"W_data": csr.data, "W_indices": csr.indices, "W_indptr": csr.indptr, "W_shape": np.array(csr.shape)}
         else:
             arrays["W"] = self.W
@@ -174,8 +152,9 @@ class ContactProblem:
         try:
             with Path(path).open("wb") as file:
                 np.savez_compressed(file, **arrays)
-        except OSError as error:
-            raise ObjectFileError(str(path), "a file that can be written", error.strerror or error, "check the folder") from None
+        except (OSError, ValueError) as error:  # a name with a zero byte is no value that Python opens
+            reason = getattr(error, "strerror", None) or error
+            raise ObjectFileError(repr(str(path)), "a file that can be written", reason, "check the folder and the name") from None
 
     @staticmethod
     def load(path: str | Path) -> ContactProblem:
@@ -183,21 +162,58 @@ class ContactProblem:
 
         Raises:
             ObjectFileError: no such file, or not such a file.
+            InvalidShapeError, InvalidValueError: arrays that make no contact problem, such as indices of a sparse ``W`` out of range.
         """
-        try:
-            with np.load(path) as file:
-                arrays = {name: file[name] for name in file.files}
-            if "W" in arrays:
-                W: Any = arrays["W"]
-            else:
-                from scipy.sparse import csr_array
+        arrays = _read_arrays(path)
+        missing = [name for name in ("q", "mu") if name not in arrays]
+        if "W" not in arrays:
+            missing += [f"W_{name}" for name in SPARSE if f"W_{name}" not in arrays]
+        if missing:
+            expected = "an .npz with arrays W, q and mu"
+            raise ObjectFileError(str(path), expected, f"none named {', '.join(missing)}", "write it with ContactProblem.save")
+        if "W" in arrays:
+            W: Any = arrays["W"]
+        else:
+            data, indices, indptr, shape = (arrays[f"W_{name}"] for name in SPARSE)
+            if shape.shape != (2,) or shape.dtype.kind not in "iu" or min(shape) < 0:
+                raise InvalidShapeError("W_shape", "two whole numbers >= 0", f"{shape!r:.60}", "write it with ContactProblem.save")
+            W = csr_from_arrays("W", data, indices, indptr, (int(shape[0]), int(shape[1])))
+        return ContactProblem(W, arrays["q"], arrays["mu"], arrays.get("reactions"))
 
-                shape = tuple(int(side) for side in arrays["W_shape"])
-                W = csr_array((arrays["W_data"], arrays["W_indices"], arrays["W_indptr"]), shape=shape)
-            return ContactProblem(W, arrays["q"], arrays["mu"], arrays.get("reactions"))
-        except KeyError as error:
-            raise ObjectFileError(
-                str(path), "an .npz with arrays W, q and mu", f"no {error}", "write it with ContactProblem.save"
-            ) from None
-        except (OSError, ValueError, AttributeError, TypeError, zipfile.BadZipFile) as error:
-            raise ObjectFileError(str(path), "an .npz with arrays W, q and mu", error, "write it with ContactProblem.save") from None
+
+def _read_arrays(path: str | Path) -> dict[str, npt.NDArray[Any]]:
+    """The arrays of a problem that an ``.npz`` holds, by name. Raises ``ObjectFileError``."""
+    wanted = {"W", "q", "mu", "reactions", *(f"W_{name}" for name in SPARSE)}
+    try:
+        with zipfile.ZipFile(path) as archive:
+            arrays = {}
+            for member in archive.infolist():
+                name = member.filename.removesuffix(".npy")
+                if name in wanted and name != member.filename:
+                    with archive.open(member) as file:
+                        arrays[name] = _read_array(name, file, member.file_size)
+            return arrays
+    except QuasirigidError:
+        raise
+    except (
+        Exception
+    ) as error:  # readers of damaged archives raise whatever they stumble on: zlib.error, struct.error, NotImplementedError ...
+        got = error.strerror if isinstance(error, OSError) and error.strerror else f"{type(error).__name__}: {error}"
+        raise ObjectFileError(str(path), "an .npz with arrays W, q and mu", got, "write it with ContactProblem.save") from None
+
+
+def _read_array(name: str, file: IO[bytes], size: int) -> npt.NDArray[Any]:
+    """An array of numbers in NumPy's format; no more memory is taken than the ``size`` of the file, bytes."""
+    version = np.lib.format.read_magic(file)
+    if version not in ((1, 0), (2, 0)):  # 3.0 is for names of columns, which these arrays do not have
+        raise ValueError(f"{name}: version {version} of NumPy's format")
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, by_columns, dtype = read_header(file)
+    if dtype.kind not in "biufc" or min(shape, default=0) < 0:
+        raise ValueError(f"{name}: an array of {dtype}, not of numbers")
+    count = math.prod(shape)
+    if count * dtype.itemsize > size:
+        raise ValueError(f"{name}: {count} numbers of {dtype.itemsize} bytes in a file of {size}")
+    data = file.read(count * dtype.itemsize)
+    array = np.frombuffer(data, dtype, count).reshape(shape, order="F" if by_columns else "C")
+    return array.astype(dtype.newbyteorder("="))

@@ -17,6 +17,8 @@ import pytest
 import zstandard
 from PIL import Image
 
+from quasirigid.rotation import rotate
+
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 NEEDED = "QUASIRIGID_BROWSER_TESTS"
 """Set to ``required``, a missing browser is an error; otherwise these tests are skipped."""
@@ -54,9 +56,11 @@ def running_browser() -> Iterator[Any]:
 
 
 @contextmanager
-def open_page(browser: Any, port: int, prepare: Callable[[Any], None] | None = None) -> Iterator[Any]:
-    """A page that is connected and shows a canvas; requests that leave this machine are refused and fail the test."""
-    page = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
+def open_page(
+    browser: Any, port: int, prepare: Callable[[Any], None] | None = None, *, size: tuple[int, int] = (WIDTH, HEIGHT)
+) -> Iterator[Any]:
+    """A page of ``size``, px, that is connected and shows a canvas; requests that leave this machine are refused and fail the test."""
+    page = browser.new_page(viewport={"width": size[0], "height": size[1]})
     page.set_default_timeout(1e3 * PATIENCE)
     page.strangers = []
 
@@ -91,6 +95,14 @@ def canvas_box(page: Any) -> dict[str, float]:
         " return {x: r.x, y: r.y, width: r.width, height: r.height} })"
     )
     return max(boxes, key=lambda b: b["width"] * b["height"])
+
+
+def on_screen(camera: Any, page: Any, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Where ``points`` (n, 3) of the drawing are in the page with this ``camera`` of its server, (n, 2) px."""
+    x, y, z = rotate(np.array(camera.wxyz) * [1, -1, -1, -1], points - camera.position).T
+    box = canvas_box(page)
+    scale = 0.5 * box["height"] / np.tan(0.5 * camera.fov) / z
+    return np.column_stack([box["x"] + 0.5 * box["width"] + scale * x, box["y"] + 0.5 * box["height"] + scale * y])
 
 
 def received(page: Any) -> list[dict[str, Any]]:
@@ -128,10 +140,10 @@ def picture(page: Any) -> npt.NDArray[np.float64]:
     return np.asarray(image, dtype=np.float64) / 255.0
 
 
-def wait_until(true: Callable[[], bool], what: str, timeout: float = PATIENCE) -> None:
-    """Waits until ``true()``; fails with ``what`` if it takes too long."""
+def wait_until(true: Callable[[], bool], what: str | Callable[[], str], timeout: float = PATIENCE) -> None:
+    """Waits until ``true()``; fails with ``what`` if it takes too long; a function that says it is asked then."""
     end = time.monotonic() + timeout
     while not true():
         if time.monotonic() > end:
-            pytest.fail(f"waited {timeout:g} s for: {what}")
+            pytest.fail(f"waited {timeout:g} s for: {what() if callable(what) else what}")
         time.sleep(0.05)

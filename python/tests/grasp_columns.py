@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from quasirigid.summary import PHASES
+from quasirigid.grasp.summary import PHASES
 
 DT, MASS, GRAVITY, FRICTION, SQUEEZE = 1e-3, 0.2, 9.81, 0.8, 4.0
 STEPS = {"close": 400, "squeeze": 300, "support away": 300, "hold": 2000, "lift": 800, "shake": 1000, "hold again": 1000}

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from quasirigid import mocap
+from quasirigid.scene.model import SceneModel, SceneState
 
 START = 36_000.0
 """Tracker's time at the start of the take, s."""
@@ -28,13 +29,17 @@ def spoilt_frames(edit: Edit, side: Literal["left", "right"] = "right") -> list[
 
 
 def copied(
-    frame: mocap.HandFrame, arrival: float, tracked: Sequence[bool] | None = None, positions: npt.ArrayLike | None = None
+    frame: mocap.HandFrame,
+    arrival: float,
+    tracked: Sequence[bool] | None = None,
+    positions: npt.ArrayLike | None = None,
+    quaternions: npt.ArrayLike | None = None,
 ) -> mocap.HandFrame:
     """The same hand that arrives at another time."""
     return mocap.HandFrame(
         frame.side,
         frame.positions if positions is None else positions,
-        frame.quaternions,
+        frame.quaternions if quaternions is None else quaternions,
         frame.pad_radii,
         frame.tracked.tolist() if tracked is None else tracked,
         time=frame.time,
@@ -55,7 +60,8 @@ def part(directory: Path, take: mocap.Take | None = None, *, since: float = 0.0,
 class FrameSource:
     """Plays frames in simulated time."""
 
-    paced = False
+    real_time = False
+    when_silent = "nothing comes"
 
     def __init__(self, frames: Sequence[mocap.HandFrame]) -> None:
         self._frames = sorted(frames, key=lambda frame: frame.arrival)
@@ -81,3 +87,23 @@ class FrameSource:
 
     def close(self) -> None:
         pass
+
+
+class Kept:
+    """A viewer that keeps all it is shown."""
+
+    def __init__(self) -> None:
+        self.models: list[SceneModel] = []
+        self.states: list[SceneState] = []
+
+    def begin(self, model: SceneModel) -> None:
+        self.models.append(model)
+
+    def wants_state(self) -> bool:
+        return True
+
+    def reset_asked(self) -> bool:
+        return False
+
+    def draw(self, state: SceneState) -> None:
+        self.states.append(state)

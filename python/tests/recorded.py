@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import quasirigid as qr
-from quasirigid.view.scene import SceneState
-from quasirigid.view.world_scene import WorldScene
+from quasirigid.scene.model import SceneState
+from quasirigid.scene.world import WorldScene
 
 
 def pinch() -> tuple[qr.World, qr.Hand, qr.Grip]:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from quasirigid import bench
-from quasirigid.cli import main
+from quasirigid.benchmark import timings as bench
+from quasirigid.cli.app import main
 
 PHASE_KEYS = {
     "contacts", "traverse_ms", "interpenetration_ms", "hierarchy_update_ms", "w_rigid_ms", "w_deform_ms", "gauss_seidel_ms", "sweeps",

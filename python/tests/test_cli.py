@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quasirigid.cli import main
+from quasirigid.cli.app import main
 from quasirigid.errors import QuasirigidError
-from quasirigid.grasp import Grasp
-from quasirigid.grasp_options import GraspOptions
-from quasirigid.quiet import quiet_fonts
-from quasirigid.recording import Recording
-from quasirigid.summary import PHASES
+from quasirigid.grasp.experiment import Grasp
+from quasirigid.grasp.options import GraspOptions
+from quasirigid.grasp.summary import PHASES
+from quasirigid.recording.reader import Recording
+from quasirigid.render.fonts import quiet_fonts
 
 QUICK = ["--points", "4000", "--hold", "1"]
 SUMMARY_KEYS = {
@@ -154,6 +154,19 @@ def test_help_version_and_materials(capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["materials"]) == 0
     assert "fingertip_pulp" in capfd.readouterr().out
     assert main(["no-such-command"]) == 2
+
+
+@pytest.mark.parametrize(("command", "most"), [("grasp", 60), ("mocap grasp", 90), ("view", 60)])
+def test_help_fits_a_few_screens_and_begins_with_examples(
+    command: str, most: int, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main([*command.split(), "--help"]) == 0
+    text = capfd.readouterr().out
+    assert text.index("Examples") < text.index("--help"), "the options come first"
+    assert "dim]" not in text, "markup is shown"
+    lines = len(text.splitlines())
+    assert lines <= most, f"{command} --help: {lines} lines of 80 columns, at most {most}"
 
 
 def steps_on_disk(path: Path) -> int:

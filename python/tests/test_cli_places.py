@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from quasirigid.cli import main
-from quasirigid.recording import Recording
+from quasirigid.cli.app import main
+from quasirigid.recording.reader import Recording
 
 
 def test_the_live_view_replaces_a_recording_when_all_is_ready_and_closes_it_when_told_to_end(

@@ -9,16 +9,16 @@ import pytest
 from recorded import record_pinch
 
 import quasirigid as qr
-from quasirigid.cli import main
+from quasirigid.cli.app import main
 from quasirigid.errors import InvalidValueError, MissingPackageError
-from quasirigid.scene_recording import SceneRecording
-from quasirigid.view import export
-from quasirigid.view.export import export_tables
-from quasirigid.view.export_rerun import export_rerun
+from quasirigid.recording import export, window
+from quasirigid.recording.export import export_tables
+from quasirigid.recording.export_rerun import export_rerun
+from quasirigid.recording.scene import SceneRecording
 
 STEPS = 200
 WITHOUT_UNIT = {"step", "phase", "contacts", "sweeps", "residual", "converged", "coarse", "quarantined", "frame", "finger", "status"}
-WITHOUT_UNIT |= {"body_a", "body_b", "normal_x", "normal_y", "normal_z", "qw", "qx", "qy", "qz"}
+WITHOUT_UNIT |= {"body_a", "body_b", "control_point", "normal_x", "normal_y", "normal_z", "qw", "qx", "qy", "qz"}
 UNITS = ("_s", "_m", "_n", "_rad", "_pa", "_m2")
 
 
@@ -102,7 +102,7 @@ def test_parquet_begins_without_contacts(tmp_path: Path, monkeypatch: pytest.Mon
     with qr.record(world, tmp_path / "fall.h5") as recording:
         for _ in range(40):
             recording.append(world.step())
-    monkeypatch.setattr(export, "BLOCK", 5)
+    monkeypatch.setattr(window, "BLOCK", 5)
     for end, some in ((None, True), (0.005, False)):
         path = export_tables(tmp_path / "fall.h5", tmp_path, "parquet", end=end)[-1]
         table = parquet.read_table(path)

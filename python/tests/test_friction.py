@@ -164,3 +164,20 @@ def test_the_table_knows_hands_and_refuses_strangers():
     world.remove(box)
     with pytest.raises(qr.InvalidHandleError):
         world.set_friction(hand, box, 0.5)
+
+
+def test_a_name_that_no_material_has_is_refused_as_by_the_presets():
+    world = qr.World()
+    own = qr.Material.preset("rubber").replace(name="own")
+    for pair in (("rubbr", "wood"), ("wood", "rubbr"), ("own", "wood"), ("", "wood"), ("Rubber", "wood")):
+        for friction in (0.5, None):
+            with pytest.raises(qr.UnknownNameError, match=r"expected one of .*rubber.* got '") as error:
+                world.set_friction(*pair, friction)
+            assert "preset" not in str(error.value)
+            assert error.value.what == "material"
+    world.set_friction(own, "wood", 0.5)  # who has the material cannot mistype it
+    world.set_friction("own", "wood", None)
+    with pytest.raises(qr.UnknownNameError):
+        world.set_friction("own", "wood", 0.5)
+    world.add_body(qr.Surface.box((0.02, 0.02, 0.02), points=500), own, mass=0.01)
+    world.set_friction("own", "fingertip_pulp", 0.5)

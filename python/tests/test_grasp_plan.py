@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from quasirigid import MassProperties, Surface
 from quasirigid.errors import GraspPlanError, InvalidShapeError, InvalidValueError, QuasirigidError, UnknownNameError
-from quasirigid.grasp import take_surface
-from quasirigid.grasp_options import GraspOptions
-from quasirigid.grasp_plan import GraspPlan, HandGeometry, plan_grasp
+from quasirigid.grasp.options import GraspOptions
+from quasirigid.grasp.plan import GraspPlan, HandGeometry, plan_grasp
+from quasirigid.grasp.setup import take_surface
 from quasirigid.objects import load_object
 from quasirigid.objects.sampling import sample_mesh
 

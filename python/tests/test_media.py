@@ -9,9 +9,10 @@ import pytest
 from PIL import Image, ImageSequence
 from recorded import record_pinch
 
-from quasirigid.scene_recording import SceneRecording
-from quasirigid.view.media import Frame, Gif
-from quasirigid.view.render import Renderer, RenderOptions, accents, render
+from quasirigid.errors import InvalidValueError
+from quasirigid.recording.scene import SceneRecording
+from quasirigid.render.media import Frame, Gif, frame_steps
+from quasirigid.render.pictures import Renderer, RenderOptions, accents, render
 
 OPTIONS = RenderOptions(size=(768, 432), fps=10.0, start=0.02, end=0.52)
 
@@ -116,3 +117,9 @@ def test_gif_that_breaks_off_leaves_nothing(tmp_path: Path) -> None:
         film.add(np.full((10, 10, 3), shade, np.uint8))
     film.discard()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_film_of_times_that_no_run_had_is_refused() -> None:
+    for end in (1e30, 1e300, float("inf")):
+        with pytest.raises(InvalidValueError, match="fewer than 1,000,000 frames"):
+            list(frame_steps(np.array([0.0, end]), 30.0, 0.0, end, 1e-3))

@@ -19,10 +19,12 @@ from hand_frames import part
 from rich.console import Console
 
 from quasirigid import mocap
-from quasirigid.cli import main
+from quasirigid.cli.app import main
+from quasirigid.cli.mocap_tables import live_panel
 from quasirigid.errors import InvalidValueError
-from quasirigid.mocap.tables import live_panel
-from quasirigid.mocap.touch import calibration_from_touches
+from quasirigid.mocap.touch_calibration import calibration_from_touches
+
+pytestmark = pytest.mark.realtime
 
 LIMIT = 60.0
 
@@ -202,10 +204,10 @@ def test_a_flystick_is_named_and_not_taken_for_a_hand(capsys: pytest.CaptureFixt
         console.print(live_panel("here", figures, packet, [], 0.0))
     assert "flysticks     1, not used" in shown.get()
     assert "none seen, and no bodies" in shown.get()
-    assert main(["grasp", "--mocap", f"take:{file}", "--points", "3000", "--out", str(tmp_path)]) == 0
+    assert main(["mocap", "grasp", f"take:{file}", "--points", "3000", "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
     assert "never seen" in out
-    assert "quasirigid mocap monitor" in " ".join(out.replace("│", " ").split())
+    assert "there is no right hand in it" in " ".join(out.replace("│", " ").split())
 
 
 @pytest.mark.parametrize("name", ["record", "replay", "inspect", "monitor", "calibrate"])

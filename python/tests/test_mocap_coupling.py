@@ -9,14 +9,14 @@ import pytest
 from hand_frames import START, copied
 
 from quasirigid import HandModel, World, mocap
+from quasirigid.arrays.types import FloatArray
 from quasirigid.errors import InvalidShapeError, InvalidValueError
-from quasirigid.grasp import GRAVITY, Stage
-from quasirigid.grasp_options import GraspOptions
+from quasirigid.grasp.options import GraspOptions
+from quasirigid.grasp.setup import GRAVITY, Stage
 from quasirigid.mocap.coupling import PAD_MASS, Coupling, TipCoupling
 from quasirigid.mocap.hand_coupling import HandCoupling
 from quasirigid.mocap.springs import Offset
-from quasirigid.mocap.turns import rotation_vector
-from quasirigid.summary import FloatArray, conjugate, quaternion_product, rotate
+from quasirigid.rotation import conjugate, quaternion_product, rotate, rotation_vector
 
 FROM, TO = 1.6, 5.9
 """The part of the take that closes, lifts by 10 cm and turns, s."""
@@ -156,7 +156,7 @@ def energy_of(stage: Stage, coupling: TipCoupling, aims: tuple[FloatArray, Float
     """Kinetic energy of box and pads, height of the box, springs, J. What the soft surfaces hold comes on top and is never negative."""
     (k, kr), thing = coupling.springs.stiffness, stage.object
     linear, angular = pulls(coupling, aims)
-    inertia = stage.taken.mass.inertia
+    inertia = stage.target.mass.inertia
     turn = conjugate(thing.quaternion)
     spin = rotate(turn, thing.angular_velocity)
     mass = thing.mass

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,14 +19,15 @@ from websockets import ConnectionClosed, InvalidStatus, Origin
 from websockets.sync.client import connect
 
 from quasirigid.errors import InvalidValueError, NetworkError
-from quasirigid.grasp_options import GraspOptions
+from quasirigid.grasp.options import GraspOptions
 from quasirigid.mocap import Take, shipped_take
-from quasirigid.mocap.feedback import TFB_PORT, Raster, TfbSink, UdpFeedback, open_feedback
+from quasirigid.mocap.feedback import TFB_PORT, Raster, TfbSink, UdpFeedback
 from quasirigid.mocap.feedback_server import LISTENERS, WebsocketFeedback
-from quasirigid.mocap.look import Look
+from quasirigid.mocap.feedback_targets import open_feedback
+from quasirigid.mocap.observation import Observation
 from quasirigid.mocap.options import MocapOptions
-from quasirigid.mocap.session import OBSERVED, look_every, run_mocap
-from quasirigid.mocap.stream import TakeSource
+from quasirigid.mocap.session import OBSERVED, observation_interval, run_mocap
+from quasirigid.mocap.source import TakeSource
 
 
 def listener() -> socket.socket:
@@ -45,8 +47,20 @@ def heard(ear: socket.socket) -> list[bytes]:
         return out
 
 
-def look(time: float, pressing: tuple[float, float, float]) -> Look:
-    return Look(time, ("thumb", "index", "middle"), (0, 1, 2), np.zeros((3, 3)), np.array(pressing), np.zeros(3), "carry")
+def look(time: float, pressing: tuple[float, float, float]) -> Observation:
+    return Observation(
+        time=time,
+        fingers=("thumb", "index", "middle"),
+        rows=(0, 1, 2),
+        force=np.zeros((3, 3)),
+        pressing=np.array(pressing),
+        slipping=np.zeros(3),
+        phase="carry",
+        torque=np.zeros((3, 3)),
+        contact_point=np.full((3, 3), np.nan),
+        object_pose=np.array([0.0, 0.0, 0.04, 1.0, 0.0, 0.0, 0.0]),
+        wall_time=1.7e9 + time,
+    )
 
 
 def test_thimbles_are_told_in_the_vendors_format() -> None:
@@ -94,8 +108,11 @@ def test_forces_and_slip_come_over_the_socket_at_the_rate_asked_for(tmp_path: Pa
             sink.close()
         ear.settimeout(0.05)
         thimbles.settimeout(0.05)
-        assert heard(ear) == []
+        ends = [json.loads(packet) for packet in heard(ear)]
+        assert [end["type"] for end in ends] == 3 * ["end"], "datagrams get lost"
+        assert {end["sequence"] for end in ends} == {len(told)}
         assert heard(thimbles) == 3 * [b"tfb 3 [1 0 1.0 0.000][1 1 1.0 0.000][1 2 1.0 0.000]\0"], "no thimble goes on after the end"
+    assert [line["sequence"] for line in told] == list(range(len(told)))
     seconds = told[-1]["time"] - told[0]["time"]
     assert abs((len(told) - 1) / seconds - 25.0) < 1.0, f"{len(told)} in {seconds} s"
     held = [line for line in told if line["time"] > 2.0 and line["fingers"]["thumb"]["pressing"] > 2.0]
@@ -103,9 +120,33 @@ def test_forces_and_slip_come_over_the_socket_at_the_rate_asked_for(tmp_path: Pa
     last = held[-1]["fingers"]
     assert last["thumb"]["force"][0] < -2.0, "the box pushes the thumb back, towards -x"
     assert last["index"]["force"][0] > 1.0
+    check_fields(held[-1])
     assert {finger["state"] for line in told for finger in line["fingers"].values()} <= {"open", "stick", "slip"}
     assert len(felt) == len(told)
     assert all(re.fullmatch(rb"tfb 3 (\[1 [012] 1\.0 [01]\.\d{3}\]){3}\x00", line) for line in felt)
+
+
+def check_fields(line: dict[str, Any]) -> None:
+    """Of a pinch of the box, while it is held: forces, where they act, what they twist, and when that was."""
+    thumb, index = line["fingers"]["thumb"], line["fingers"]["index"]
+    position = np.array(line["object"]["position"])
+    assert np.linalg.norm(line["object"]["quaternion"]) == pytest.approx(1.0, abs=1e-6)
+    # The pads lie on the faces at x = -30 and 30 mm of the box, about its middle, 24 mm apart.
+    assert np.array(thumb["point"]) - position == pytest.approx([-0.03, 0.0, 0.0], abs=4e-3)
+    assert np.array(index["point"]) - position == pytest.approx([0.03, 0.012, 0.0], abs=4e-3)
+    # About the point where its force acts a pad of some millimetres is twisted by less than its friction over its own width.
+    assert 0.0 < np.linalg.norm(thumb["torque"]) < thumb["pressing"] * 8e-3
+    # The moments of all forces about the box's middle are in balance but for what the table holds, a lever of 30 mm of its weight.
+    moment = sum(
+        np.cross(np.array(finger["point"]) - position, finger["force"]) + finger["torque"]
+        for finger in line["fingers"].values()
+        if finger["point"] is not None
+    )
+    assert np.linalg.norm(moment) < 0.2 * 9.81 * 0.03, moment
+    assert isinstance(line["tracker"]["frame"], int)
+    assert line["tracker"]["time"] == pytest.approx(36_000.0, abs=60.0)
+    assert abs(line["wall_time"] - time.time()) < 600.0
+    assert line["type"] == "observation"
 
 
 @pytest.mark.parametrize(
@@ -148,7 +189,7 @@ def test_an_address_that_is_none_is_said_to_be_so_at_once(host: str) -> None:
 @pytest.mark.parametrize("rate", [60.0, 150.0, 350.0, 600.0, 1000.0])
 @pytest.mark.parametrize("dt", [1e-3, 2e-3, 4e-3])
 def test_looks_come_at_the_rate_asked_for_as_far_as_steps_allow(rate: float, dt: float) -> None:
-    raster, every, seconds = Raster(rate), look_every(max(OBSERVED, rate), dt), 10.0
+    raster, every, seconds = Raster(rate), observation_interval(max(OBSERVED, rate), dt), 10.0
     sent = sum(raster.due(step * dt) for step in range(0, round(seconds / dt), every))
     expected = min(rate, 1.0 / dt)
     assert sent / seconds == pytest.approx(expected, rel=2e-3), f"{sent / seconds} Hz of {expected}"
@@ -201,8 +242,10 @@ def test_listeners_on_websockets_hear_what_goes_over_udp(tmp_path: Path) -> None
     for lines in told:
         # A listener that is busy misses some; what it hears is the same, in order, and the newest is always among it.
         assert len(lines) > 10, len(lines)
-        assert [line for line in over_udp if line in lines] == lines
-        assert lines[-1] == over_udp[-1]
+        assert [line for line in over_udp if line in lines] == lines[:-1]
+        assert json.loads(lines[-1])["type"] == "end", "the end is said, to whoever listens"
+        assert json.loads(lines[-1])["sequence"] == 50
+        assert lines[-2] == over_udp[-1]
     assert sinks[1].story().endswith("2 listeners")
 
 

@@ -17,19 +17,20 @@ import pytest
 from hand_frames import START, FrameSource, part, spoilt_frames
 
 from quasirigid import mocap
-from quasirigid.cli import main
+from quasirigid.cli.app import main
+from quasirigid.cli.mocap_grasp import as_mocap_grasp
 from quasirigid.errors import NetworkError
-from quasirigid.grasp_options import GraspOptions
+from quasirigid.grasp.options import GraspOptions
 from quasirigid.mocap.options import MocapOptions
 from quasirigid.mocap.session import MocapSession, run_mocap
+from quasirigid.mocap.source import TakeSource
 from quasirigid.mocap.springs import Springs
-from quasirigid.mocap.stream import TakeSource
 
 COARSE = GraspOptions(points=6000, dt=0.004)
 """A step that a busy machine can do in time."""
 TURN = math.radians(30.0)
-BUSY = 500.0
-"""A step that is so late, ms, says that the machine does something else."""
+BUSY = 250.0
+"""When a step is so late, ms, the machine does something else, and the hand is shown twice as fast as it moves so that it does not stay behind."""
 
 
 def check_bar(summary: dict[str, object], *, left: bool = False) -> None:
@@ -59,7 +60,7 @@ def test_the_shipped_take_moves_the_box(coupling: str, tmp_path: Path) -> None:
 
 def over_a_socket(options: list[str], sent: list[str], out: Path, *, idle: float = 2.0, ctrl_c: bool = False) -> dict[str, Any]:
     """Summary of a session of one process that hears the replay of another. It ends when nothing has come for ``idle`` s, or by Ctrl-C."""
-    command = [sys.executable, "-m", "quasirigid.cli", "grasp", "--mocap", "dtrack:0", "--bind", "127.0.0.1", "--points", "6000"]
+    command = [sys.executable, "-m", "quasirigid.cli", "mocap", "grasp", "dtrack:0", "--bind", "127.0.0.1", "--points", "6000"]
     command += ["--dt", "0.004", "--idle", str(idle), "--json", "--out", str(out), *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as session:
         watchdog = threading.Timer(100.0, session.kill)
@@ -82,6 +83,7 @@ def over_a_socket(options: list[str], sent: list[str], out: Path, *, idle: float
     return summary
 
 
+@pytest.mark.realtime
 def test_the_replayed_take_moves_the_box_over_a_socket(tmp_path: Path) -> None:
     summary = over_a_socket([], [], tmp_path)
     check_bar(summary)
@@ -93,6 +95,7 @@ def test_the_replayed_take_moves_the_box_over_a_socket(tmp_path: Path) -> None:
     print(f"packet to step {waits}, steps late {late}, ms; {summary['slipped_s']:.2f} s behind")
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("options", "sent"),
     [
@@ -109,7 +112,7 @@ def test_other_hands_move_the_box_over_a_socket(options: list[str], sent: list[s
         if summary["step_lateness_ms"]["max"] < BUSY:
             break
     else:
-        pytest.skip(f"three times the machine was busy elsewhere for {BUSY:g} ms: this is about hands, not about that")
+        pytest.skip(f"three times the machine was busy elsewhere for {BUSY:g} ms or more: this is about hands, not about that")
     check_bar(summary, left="left" in sent)
     assert summary["interrupted"]
 
@@ -195,41 +198,56 @@ class Failing:
 def test_a_network_that_fails_ends_the_session_and_says_so(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("quasirigid.mocap.stream.Receiver", Failing)
-    assert main(["grasp", "--mocap", "dtrack", "--points", "3000", "--out", str(tmp_path)]) == 2
+    monkeypatch.setattr("quasirigid.mocap.source.Receiver", Failing)
+    assert main(["mocap", "grasp", "dtrack", "--points", "3000", "--out", str(tmp_path)]) == 2
     assert "network is down" in capsys.readouterr().err.splitlines()[-1]
     assert "network is down" in json.loads((tmp_path / "summary.json").read_text())["failure"]
-    monkeypatch.setattr("quasirigid.mocap.commands.Receiver", Failing)
+    monkeypatch.setattr("quasirigid.cli.mocap.Receiver", Failing)
     assert main(["mocap", "monitor", "--json", "--every", "0.02", "--seconds", "5"]) == 2
     assert "network is down" in capsys.readouterr().err
 
 
 def test_command_line_says_what_it_does_not_understand(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     for arguments, word in (
-        (["--mocap", "vicon"], "dtrack"),
-        (["--mocap", f"take:{tmp_path / 'none.take'}"], "none.take"),
-        (["--mocap", "take", "--coupling", "glue"], "tips or hand"),
-        (["--mocap", "take", "--hand", "third"], "left or right"),
-        (["--mocap", "take", "--idle", "-1"], "idle"),
-        (["--hand", "left"], "add --mocap"),
-        (["--place", "0,0.7,-0.4"], "add --mocap"),
-        (["--mocap", "take", "--spring", "-600"], "--spring: expected a finite number >= 0 (N/m)"),
-        (["--mocap", "take", "--spring-rotation", "nan"], "--spring-rotation"),
-        (["--mocap", "take", "--damping", "inf"], "--damping"),
-        (["--mocap", "take", "--damping-rotation", "-1"], "(N m s/rad)"),
-        (["--mocap", "take", "--coupling", "hand", "--spring", "600"], "--coupling tips"),
-        (["--mocap", "take", "--joint-stiffness", "2"], "--coupling hand"),
-        (["--mocap", "take", "--coupling", "hand", "--joint-damping", "-2"], "--joint-damping"),
-        (["--mocap", "take", "--delay", "2"], "--delay: expected a number from 0 to 1 (s)"),
-        (["--mocap", "take", "--loss-hold", "nan"], "--loss-hold"),
-        (["--mocap", "take", "--loss-fade", "-0.1"], "--loss-fade"),
-        (["--mocap", "take", "--feedback", "ws:99999"], "ws:9001"),
-        (["--mocap", "take", "--feedback-rate", "100"], "--feedback beside it"),
-        (["--mocap", "take", "--feedback", "udp:127.0.0.1:9", "--dt", "0.004", "--feedback-rate", "300"], "one look per step, 250 Hz"),
-        (["--mocap", "webxr", "--bind", "192.168.1..20"], "address to listen on: expected one of this machine's"),
-        (["--mocap", "take", "--bodies", "toe=1"], "thumb=0"),
+        (["vicon"], "dtrack"),
+        ([f"take:{tmp_path / 'none.take'}"], "none.take"),
+        (["take", "--coupling", "glue"], "tips or hand"),
+        (["take", "--hand", "third"], "left or right"),
+        (["take", "--idle", "-1"], "idle"),
+        ([], "Missing argument"),
+        (["take", "--place", "0,0.7,-0.4"], "the source webxr"),
+        (["take", "--spring", "-600"], "--spring: expected a finite number >= 0 (N/m)"),
+        (["take", "--spring-rotation", "nan"], "--spring-rotation"),
+        (["take", "--damping", "inf"], "--damping"),
+        (["take", "--damping-rotation", "-1"], "(N m s/rad)"),
+        (["take", "--max-force", "0"], "--max-force: expected a finite number > 0 (N)"),
+        (["take", "--no-browser"], "--view beside it"),
+        (["take", "--coupling", "hand", "--spring", "600"], "--coupling tips"),
+        (["take", "--joint-stiffness", "2"], "--coupling hand"),
+        (["take", "--coupling", "hand", "--joint-damping", "-2"], "--joint-damping"),
+        (["take", "--delay", "2"], "--delay: expected a number from 0 to 1 (s)"),
+        (["take", "--loss-hold", "nan"], "--loss-hold"),
+        (["take", "--loss-fade", "-0.1"], "--loss-fade"),
+        (["take", "--feedback", "ws:99999"], "ws:9001"),
+        (["take", "--feedback-rate", "100"], "--feedback beside it"),
+        (["take", "--feedback", "udp:127.0.0.1:9", "--dt", "0.004", "--feedback-rate", "300"], "one observation per step, 250 Hz"),
+        (["webxr", "--bind", "192.168.1..20"], "address to listen on: expected one of this machine's"),
+        (["take", "--bodies", "toe=1"], "thumb=0"),
     ):
-        assert main(["grasp", *arguments, "--out", str(tmp_path)]) == 2
+        assert main(["mocap", "grasp", *arguments, "--out", str(tmp_path)]) == 2
         said = capsys.readouterr().err
         assert word in said
         assert len(said.splitlines()) == 1
+
+
+def test_the_old_form_of_the_command_works_and_says_what_is_new(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    none = f"take:{tmp_path / 'none.take'}"
+    for arguments in (["--mocap", none, "--hand", "left"], ["--hand", "left", f"--mocap={none}", "--hold", "3"]):
+        assert main(["grasp", *arguments, "--out", str(tmp_path)]) == 2
+        said = capsys.readouterr().err
+        assert f"`grasp --mocap {none}` is now `mocap grasp {none}`" in said
+        assert ("--hold 3 does nothing for a tracked hand" in said) == ("--hold" in arguments)
+        assert "none.take" in said.splitlines()[-1], "the command has run"
+    assert as_mocap_grasp(["grasp", "--mocap", "take", "--dt", "0.002"]) == ["mocap", "grasp", "take", "--dt", "0.002"]
+    assert as_mocap_grasp(["grasp", "--hold", "3"]) == ["grasp", "--hold", "3"]
+    assert main(["grasp", "--hand", "left"]) == 2

@@ -11,13 +11,13 @@ import pytest
 from hand_frames import Edit, FrameSource, spoilt_frames
 
 from quasirigid import mocap
-from quasirigid.grasp_options import GraspOptions
+from quasirigid.arrays.types import FloatArray
+from quasirigid.grasp.options import GraspOptions
 from quasirigid.mocap.coupling import PALM
 from quasirigid.mocap.hand_coupling import JOINT_FASTEST
 from quasirigid.mocap.options import MocapOptions
 from quasirigid.mocap.session import MocapSession
 from quasirigid.mocap.springs import FASTEST
-from quasirigid.summary import FloatArray
 
 DT = 0.004
 COARSE = GraspOptions(points=6000, dt=DT)

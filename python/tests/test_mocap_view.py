@@ -1,4 +1,4 @@
-"""`quasirigid grasp --mocap ... --view`: the session in the page, drawn by a process that never holds it up."""
+"""`quasirigid mocap grasp ... --view`: the session in the page, drawn by a process that never holds it up."""
 
 from __future__ import annotations
 
@@ -14,42 +14,28 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import open_page, picture, received, running_browser, wait_until
-from hand_frames import part
+from hand_frames import FrameSource, Kept, part
+from pinching_hand import LIFTS, during, frames
 
 from quasirigid import mocap
-from quasirigid.cli import main
-from quasirigid.grasp_options import GraspOptions
+from quasirigid.cli.app import main
+from quasirigid.grasp.options import GraspOptions
+from quasirigid.live.viewer_process import ViewerProcess
+from quasirigid.mocap.observation import Observation
 from quasirigid.mocap.options import MocapOptions
 from quasirigid.mocap.session import MocapSession
-from quasirigid.mocap.stream import TakeSource
-from quasirigid.view.apart import PageApart
-from quasirigid.view.scene import SceneModel, SceneState
+from quasirigid.mocap.source import TakeSource
+
+pytestmark = pytest.mark.realtime
 
 SHOTS = os.environ.get("QUASIRIGID_SCREENSHOTS")
 COARSE = GraspOptions(points=6000, dt=0.004)
 
 
 @pytest.fixture
-def apart() -> Iterator[PageApart]:
-    with PageApart(port=8350) as page:
+def apart() -> Iterator[ViewerProcess]:
+    with ViewerProcess(port=8350) as page:
         yield page
-
-
-class Kept:
-    """A viewer that keeps all it is shown."""
-
-    def __init__(self) -> None:
-        self.models: list[SceneModel] = []
-        self.states: list[SceneState] = []
-
-    def begin(self, model: SceneModel) -> None:
-        self.models.append(model)
-
-    def wants_state(self) -> bool:
-        return True
-
-    def draw(self, state: SceneState) -> None:
-        self.states.append(state)
 
 
 def kept_session(until: float, directory: Path, coupling: str = "tips") -> tuple[MocapSession, Kept]:
@@ -98,7 +84,9 @@ def test_a_take_that_is_watched_keeps_to_the_clock_and_has_the_same_result(tmp_p
     assert hashes[0] == hashes[1]
 
 
-def test_a_page_that_hangs_or_dies_never_holds_the_session_up(apart: PageApart, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_page_that_hangs_or_dies_never_holds_the_session_up(
+    apart: ViewerProcess, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     session, viewer = kept_session(3.0, tmp_path)
     process = apart._process.pid
     assert process is not None
@@ -130,7 +118,7 @@ def test_a_page_that_hangs_or_dies_never_holds_the_session_up(apart: PageApart, 
     assert "the session goes on" in capfd.readouterr().err
 
 
-def test_the_page_shows_hand_forces_and_figures(apart: PageApart, tmp_path: Path) -> None:
+def test_the_page_shows_hand_forces_and_figures(apart: ViewerProcess, tmp_path: Path) -> None:
     messages: list[list[dict[str, Any]]] = []
     with running_browser() as browser:
         viewer: Any = apart
@@ -170,7 +158,31 @@ def test_the_page_shows_hand_forces_and_figures(apart: PageApart, tmp_path: Path
 
 
 def test_view_and_headset_are_one_or_the_other(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert main(["grasp", "--mocap", "webxr:0", "--view", "--out", str(tmp_path)]) == 2
+    assert main(["mocap", "grasp", "webxr:0", "--view", "--out", str(tmp_path)]) == 2
     said = capsys.readouterr().err
     assert "--view" in said
     assert len(said.splitlines()) == 1
+
+
+def test_the_button_of_the_page_puts_the_object_back(apart: ViewerProcess) -> None:
+    """From a browser to the session in the other process: the box has been lifted, and stands where it stood."""
+    hand = frames(3, 0.015, height=lambda time: 0.1 * during(time, LIFTS))
+    session = MocapSession(COARSE, MocapOptions(idle=0.1), FrameSource(hand), apart)
+    assert session.wait_for_hand()
+    pressed = []
+
+    with running_browser() as browser, open_page(browser, apart.port) as page:
+
+        def press(look: Observation) -> None:
+            if look.phase == "carry" and look.object_pose[2] > 0.12 and not pressed:
+                pressed.append(look.object_pose[2])
+                wait_until(lambda: page.get_by_role("button", name="Reset").count() > 0, "the button")
+                page.get_by_role("button", name="Reset").click()
+                wait_until(apart._pipe.poll, "the press to come to the session")
+
+        session.observers.append(press)
+        session.run()
+    assert pressed, "or this tests nothing"
+    assert session.resets == 1
+    assert abs(session.object.position[2] - 0.04) < 1e-3
+    assert session.summary()["carried_s"] == 0.0

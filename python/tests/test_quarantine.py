@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 import quasirigid as qr
-from quasirigid.grasp_options import GraspOptions
-from quasirigid.view.play import Play
-from quasirigid.view.world_scene import WorldScene
+from quasirigid.grasp.options import GraspOptions
+from quasirigid.live.play import Play
+from quasirigid.scene.world import WorldScene
 
 ABSURD = (1e12, 0.0, 0.0)
 """A force under which a body is set aside, N."""

@@ -9,15 +9,17 @@ import pytest
 from PIL import Image
 from recorded import record_pinch
 
-from quasirigid.cli import main
+from quasirigid.cli.app import main
 from quasirigid.errors import InvalidShapeError, InvalidValueError, MissingPackageError, QuasirigidError, UnknownNameError
-from quasirigid.palette import PAD
-from quasirigid.scene_recording import SceneRecording
-from quasirigid.splats import NOTHING, Camera
-from quasirigid.triangles import rasterise
-from quasirigid.view.media import Film, Frame, frame_steps, open_writer
-from quasirigid.view.meshes import outward
-from quasirigid.view.render import Renderer, RenderOptions, render, span, towards
+from quasirigid.recording.scene import SceneRecording
+from quasirigid.recording.window import span
+from quasirigid.render.camera import Camera
+from quasirigid.render.layer import NOTHING
+from quasirigid.render.media import Film, Frame, frame_steps, open_writer
+from quasirigid.render.pictures import Renderer, RenderOptions, render, towards
+from quasirigid.render.triangles import rasterise
+from quasirigid.scene.meshes import outward
+from quasirigid.scene.palette import PAD
 
 SMALL = RenderOptions(size=(480, 270), fps=20.0)
 
@@ -215,7 +217,7 @@ def test_command_line(run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[st
     assert capfd.readouterr().out == f"{out}\n"
     assert np.asarray(Image.open(out)).shape == (180, 320, 3)
     with SceneRecording(run) as recording:
-        assert span(recording, RenderOptions(start=0.0, end=0.0, single=True)) == (0.002, 0.002), "a recording begins at 0"
+        assert span(recording, 0.0, 0.0, single=True) == (0.002, 0.002), "a recording begins at 0"
     for at in ("-1", "99", "nan"):
         assert main(["render", str(run), "--out", str(out), "--at", at]) == 2
         assert "another --at" in (err := capfd.readouterr().err) or "leave --at out" in err

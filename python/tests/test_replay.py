@@ -9,11 +9,11 @@ import pytest
 from browser import open_page, picture, received, running_browser, wait_until
 from recorded import record_pinch
 
-from quasirigid.cli import main
-from quasirigid.summary import rotate
-from quasirigid.view import replay
-from quasirigid.view.replay import ReplayView, Timeline
-from quasirigid.view.scene import SceneState
+from quasirigid.cli.app import main
+from quasirigid.live import replay
+from quasirigid.live.replay import ReplayView, Timeline
+from quasirigid.rotation import rotate
+from quasirigid.scene.model import SceneState
 
 PORT = 8360
 
@@ -71,7 +71,7 @@ def test_page_shows_the_state_of_the_recording(run: tuple[Path, list[SceneState]
             field.press("Enter")
             wait_until(lambda: view.step == 249, "the slider goes to 0.5 s")
             page.get_by_text("0.500 s of 0.520 s").wait_for()
-            page.get_by_text(f"{np.linalg.norm(states[249].finger_forces[0]):.2f} N, presses").wait_for()
+            page.get_by_text(f"whole force {np.linalg.norm(states[249].finger_forces[0]):.2f} N").wait_for()
             page.wait_for_timeout(1500)
             changed = (np.abs(picture(page) - before).max(axis=2) > 0.1).mean()
             assert changed > 0.003, f"{100 * changed:.2f} % of the picture changed"

@@ -1,18 +1,26 @@
 """The picture of the grasp: made from a recording alone, with every figure in it; and the renderer below it."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from quasirigid._quasirigid import Hand, HandModel, World
-from quasirigid.grasp_options import GraspOptions
-from quasirigid.grasp_run import run_grasp
-from quasirigid.recording import Recording
-from quasirigid.scene_plot import HEIGHT, WIDTH, save_scene, scene, view_of
-from quasirigid.scene_shot import read_shot
-from quasirigid.splats import Camera, creases, directions, edge_planes, halved, outline, shade, splat, tube
+from quasirigid.grasp.figures.plots import friction_of
+from quasirigid.grasp.figures.scene import HEIGHT, WIDTH, save_scene, scene
+from quasirigid.grasp.figures.scene_data import read_shot
+from quasirigid.grasp.options import GraspOptions
+from quasirigid.grasp.run import run_grasp
+from quasirigid.recording.reader import Recording
+from quasirigid.render.camera import Camera
+from quasirigid.render.ground import view_of
+from quasirigid.render.layer import creases, halved, outline, shade
+from quasirigid.render.splats import directions, edge_planes, splat, tube
+from quasirigid.units import force_words
 
 RED = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -52,17 +60,35 @@ def test_picture_says_mass_squeeze_forces_and_units(run: Path, figure: Figure) -
     with Recording(run / "recording.h5") as recording:
         shot = read_shot(recording)
     assert shot is not None
-    forces = np.linalg.norm(shot.forces, axis=1)
     picture = np.asarray(figure.canvas.buffer_rgba())[..., :3]  # type: ignore[attr-defined]
     assert picture.shape == (HEIGHT, WIDTH, 3)
     assert (picture < 245).any(axis=2).mean() > 0.15
     said = words(figure)
     expected = ["Box", "200 g", "squeezed with 4 N", "m/s in the hand", "weight 1.96 N", "20 mm", "pressure (kPa)", "thumb"]
-    for text in [*expected, *(f"{force:.2f} N" for force in forces)]:
+    for text in [*expected, "End of the first hold"]:
         assert text in said, said
+    # Of each finger the figures of the other pictures: at that step the columns of the recording, which are the sums over its patch.
+    for finger, (normal, friction) in enumerate(zip(shot.normal, shot.friction, strict=True)):
+        assert f"presses {force_words(normal)}\nfriction {force_words(friction)}" in said, said
+        mine = shot.patch(finger)
+        push, along = friction_of(shot.contacts["force"][mine].astype(float), shot.contacts["normal"][mine].astype(float))
+        assert abs(push.sum() - normal) < 1e-4 * normal
+        assert abs(np.linalg.norm(along.sum(axis=0)) - friction) < 1e-4 * normal
 
 
-def test_no_text_lies_over_another_or_beyond_the_picture(figure: Figure) -> None:
+@pytest.mark.parametrize("scale", [1.0, 1e-5, 27.3, 1.1e4])
+def test_no_text_lies_over_another_or_beyond_the_picture_at_any_scale(run: Path, scale: float) -> None:
+    with Recording(run / "recording.h5") as recording:
+        shot = read_shot(recording)
+    assert shot is not None
+    contacts = shot.contacts | {name: scale * shot.contacts[name] for name in ("force", "reaction", "pressure")}
+    sums = {name: scale * getattr(shot, name) for name in ("forces", "normal", "friction")}
+    figures = {name: scale * float(shot.attributes[name]) for name in ("object_mass_kg", "squeeze_n")}
+    attributes = shot.attributes | figures | {"object": f"a {'very ' * 20}long name of a $file$.obj"}
+    figure = scene(replace(shot, contacts=contacts, attributes=attributes, **sums))
+    figure.canvas.draw()
+    for text in figure.findobj(Text):
+        assert not re.search(r"\de[+-]\d", text.get_text()), text.get_text()
     drawn = [*figure.texts, *(t for axes in figure.axes for t in [*axes.texts, axes.xaxis.label, axes.yaxis.label])]
     boxes = [(t.get_text(), t.get_window_extent()) for t in drawn if t.get_text()]
     for i, (text, box) in enumerate(boxes):
@@ -80,7 +106,7 @@ def test_stills_say_units_and_frames_and_agree_with_the_columns(run: Path) -> No
         step = int(stills["step"])
         np.testing.assert_allclose(stills["hand/pose"], recording["hand/pose"][step], atol=1e-12)
         assert recording.unit("scene/tips/points") == "m"
-        assert recording._file["scene/object/points"].attrs["frame"] == "world"
+        assert recording.column("scene/object/points").frame == "world"
         phase = recording.labels("phase")[recording["phase"][step]]
         assert phase == "hold"
         assert recording["phase"][step + 1] != recording["phase"][step]

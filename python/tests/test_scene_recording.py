@@ -8,6 +8,7 @@ import textwrap
 import time
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -15,13 +16,15 @@ import pytest
 from recorded import pinch, record_pinch
 
 import quasirigid as qr
-from quasirigid import scene_recording
-from quasirigid.errors import InvalidShapeError, InvalidValueError, ObjectFileError
-from quasirigid.recorder import Recorder
-from quasirigid.recording import Column
-from quasirigid.scene_recording import SceneRecorder, SceneRecording
-from quasirigid.view.scene import SceneState
-from quasirigid.view.world_scene import WorldScene
+from quasirigid.arrays.types import FloatArray
+from quasirigid.errors import InvalidShapeError, InvalidValueError, RecordingError
+from quasirigid.recording import scene as scene_recording
+from quasirigid.recording.export import tables
+from quasirigid.recording.reader import Column
+from quasirigid.recording.recorder import Recorder
+from quasirigid.recording.scene import SceneRecorder, SceneRecording
+from quasirigid.scene.model import SceneState
+from quasirigid.scene.world import WorldScene
 
 NANOMETRE = 1e-9
 """A displacement of 1 mm in single precision is good for a tenth of this; what was promised is 1e-8 m."""
@@ -169,6 +172,50 @@ def test_model_comes_back(run: tuple[Path, list[SceneState]]) -> None:
         np.testing.assert_allclose(a.normals, b.normals, atol=1e-7)
 
 
+def test_materials_masses_and_control_points_come_back(run: tuple[Path, list[SceneState]]) -> None:
+    world, hand, _ = pinch()
+    box, stand = world.bodies
+    with SceneRecording(run[0]) as recording:
+        bodies = {body.name: body for body in recording.model.bodies}
+    assert (bodies["box"].mass, bodies["stand"].mass, bodies["thumb/tip"].mass) == (0.2, 0.0, None)
+    assert bodies["box"].centre_of_mass == pytest.approx((0.0, 0.0, 0.0))
+    tip = hand.surface(0)
+    assert tip is not None
+    for name, surface, material in (
+        ("box", box.surface, box.material),
+        ("stand", stand.surface, stand.material),
+        ("thumb/tip", tip, hand.material),
+    ):
+        kept, control = bodies[name].material, bodies[name].control
+        assert material is not None
+        assert surface is not None
+        assert kept is not None
+        for key in ("name", "density", "friction", "young_modulus", "poisson_ratio", "layer_thickness", "relaxation_time", "compliance"):
+            assert kept[key] == getattr(material, key), key
+        assert kept["friction_law"]["kinetic"] == material.friction_law.kinetic
+        np.testing.assert_array_equal(control.points, single(surface.control_points))
+        np.testing.assert_array_equal(control.normals, single(surface.control_normals))
+        np.testing.assert_array_equal(control.areas, single(surface.control_areas))
+    assert bodies["palm"].material is None
+    assert len(bodies["palm"].control.points) == 0
+
+
+def test_a_taxel_map_made_from_a_recording_holds_the_force_of_the_finger(run: tuple[Path, list[SceneState]]) -> None:
+    with SceneRecording(run[0]) as recording:
+        state, model = recording.state(-1), recording.model
+    pressed = 0
+    for finger, tip in enumerate(model.fingertips()):
+        pad, contacts = model.bodies[tip].control, state.contacts
+        mine = contacts.body_a == tip
+        force = np.bincount(contacts.control_point[mine], contacts.reactions[mine, 0], len(pad.points))
+        x, y, _ = pad.points.T
+        taxels = np.histogram2d(x, y, bins=(12, 12), weights=force)[0]
+        assert taxels.sum() == pytest.approx(state.normal_forces[finger], rel=1e-6), f"finger {finger}"
+        np.testing.assert_allclose(pad.areas[contacts.control_point[mine]], contacts.areas[mine], rtol=1e-6)
+        pressed += int((taxels > 0.0).sum())
+    assert pressed > 10, "no grasp, no test"
+
+
 def test_killed_run_replays_up_to_the_last_block(tmp_path: Path) -> None:
     path = tmp_path / "killed.h5"
     program = f"""
@@ -258,15 +305,50 @@ def test_recordings_without_a_scene_say_so_and_stay_readable(tmp_path: Path) -> 
         recorder.append({"time": 1.0})
     with h5py.File(old, "r+") as file:
         file.attrs["version"] = 1
-    with pytest.raises(ObjectFileError, match=r"version 1.*record the run again"):
+    with pytest.raises(RecordingError, match=r"version 1.*record the run again"):
         SceneRecording(old)
     with qr.Recording(old) as columns:
         assert columns["time"].tolist() == [1.0]
     with h5py.File(old, "r+") as file:
         file.attrs["version"] = 99
-    with pytest.raises(ObjectFileError, match="update quasirigid"):
+    with pytest.raises(RecordingError, match="update quasirigid"):
         qr.Recording(old)
     empty = tmp_path / "empty.h5"
     qr.record(pinch()[0], empty).close()
-    with pytest.raises(ObjectFileError, match="at least one step"):
+    with pytest.raises(RecordingError, match="at least one step"):
         SceneRecording(empty)
+
+
+class FewerJoints:
+    """A hand whose fingers end one joint sooner, for whoever reads it."""
+
+    def __init__(self, hand: qr.Hand) -> None:
+        self._hand = hand
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._hand, name)
+
+    @property
+    def joint_positions(self) -> FloatArray:
+        return self._hand.joint_positions[:, :-1]
+
+
+def test_hands_with_unlike_joint_counts_keep_their_joint_positions(tmp_path: Path) -> None:
+    world = qr.World()
+    hands = [world.add_hand(position=(0.5 * k, 0.0, 0.3), points=300, control_points=60) for k in range(2)]
+    hands[1].joint_positions = hands[1].joint_positions + 0.1
+    scene = WorldScene(world, hands=[hands[0], FewerJoints(hands[1])])  # type: ignore[list-item]
+    live = scene.state().joint_positions
+    joints = hands[0].joint_positions.shape[1]
+    assert live.shape == (6, joints)
+    np.testing.assert_array_equal(live[:3], hands[0].joint_positions)
+    np.testing.assert_array_equal(live[3:, :-1], hands[1].joint_positions[:, :-1])
+    assert np.isnan(live[3:, -1]).all(), "a joint that is not there has no angle"
+    with SceneRecorder(tmp_path / "run.h5", scene.model, (6, joints)) as recorder:
+        recorder.append(scene.state(world.step()), None)
+    with SceneRecording(tmp_path / "run.h5") as recording:
+        np.testing.assert_array_equal(recording.state(0).joint_positions, scene.state().joint_positions)
+        fingers = tables(recording)["fingers"](np.array([0]))
+    last = fingers[f"joint_{joints - 1}_rad"]
+    assert np.isfinite(last[:3]).all(), "the table has the joints that there are"
+    assert np.isnan(last[3:]).all(), "and says of none that it is at 0"

@@ -10,21 +10,20 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 import scipy.sparse as sp
 from elsewhere import DATA, missing
 
 import quasirigid as qr
+from quasirigid.arrays.types import FloatArray
 
-Array = npt.NDArray[np.float64]
 RECORDED = sorted((Path(__file__).parent / "contact_problems").glob("*.npz"))
 PUBLIC = DATA / "fc3d"
 PUBLIC_FILES = sorted(PUBLIC.glob("*.npz"))
 NAN = float("nan")
 
 
-def project(x: Array, mu: float) -> Array:
+def project(x: FloatArray, mu: float) -> FloatArray:
     """Nearest point of the cone, by cases; slow and plain."""
     tangent = float(np.hypot(x[1], x[2]))
     if tangent <= mu * x[0]:
@@ -35,7 +34,7 @@ def project(x: Array, mu: float) -> Array:
     return np.array([normal, *(mu * normal * x[1:] / tangent)])
 
 
-def residual(W: Any, q: Array, mu: Array, r: Array) -> float:
+def residual(W: Any, q: FloatArray, mu: FloatArray, r: FloatArray) -> float:
     """What `tolerance` means, written out once more."""
     u = W @ r + q
     error = 0.0
@@ -46,7 +45,7 @@ def residual(W: Any, q: Array, mu: Array, r: Array) -> float:
     return np.sqrt(error) / max(np.linalg.norm(q), np.linalg.norm(r), np.linalg.norm(u))
 
 
-def assert_solved(W: Any, q: Array, mu: Array, solution: qr.ContactSolution, tolerance: float = 1e-8) -> None:
+def assert_solved(W: Any, q: FloatArray, mu: FloatArray, solution: qr.ContactSolution, tolerance: float = 1e-8) -> None:
     assert solution.converged, solution
     found = residual(W, q, mu, solution.reactions)
     assert found <= tolerance * 1.001, f"{found:.2e} for {solution}"
@@ -59,7 +58,7 @@ def assert_solved(W: Any, q: Array, mu: Array, solution: qr.ContactSolution, tol
     assert (np.hypot(r[:, 1], r[:, 2]) <= mu * r[:, 0] * (1 + 1e-12)).all()
 
 
-def turned(W: Array, q: Array, mu: Array, seed: int) -> tuple[Array, Array, Array]:
+def turned(W: FloatArray, q: FloatArray, mu: FloatArray, seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The same problem with other tangents and another order of contacts."""
     rng, n = np.random.default_rng(seed), len(mu)
     blocks = []
@@ -72,7 +71,7 @@ def turned(W: Array, q: Array, mu: Array, seed: int) -> tuple[Array, Array, Arra
     return (turn @ W @ turn.T)[np.ix_(rows, rows)], (turn @ q)[rows], mu[order]
 
 
-def rigid_stack(levels: int, side: int, mu: float, push: float, seed: int = 0) -> tuple[Array, Array, Array]:
+def rigid_stack(levels: int, side: int, mu: float, push: float, seed: int = 0) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Rigid boxes on a table, `side**2` contacts between each two: many more forces than coordinates, and nothing gives.
 
     The topmost box is pushed sideways; each has some spin besides, so that some contacts slide.
@@ -194,7 +193,7 @@ def test_public_problems_are_solved(path: Path, public: ModuleType) -> None:
 @pytest.mark.parametrize(
     "form", [sp.csr_array, sp.csc_matrix, sp.coo_array, sp.bsr_array, lambda W: sp.bsr_array(W, blocksize=(3, 3)), np.asfortranarray]
 )
-def test_sparse_and_dense_give_the_same_bits(form: Callable[[Array], Any]) -> None:
+def test_sparse_and_dense_give_the_same_bits(form: Callable[[FloatArray], Any]) -> None:
     W, q, mu = rigid_stack(3, 2, mu=0.5, push=0.1)
     expected, got = qr.solve_contacts(W, q, mu), qr.solve_contacts(form(W), q, mu)
     assert got.reactions.tolist() == expected.reactions.tolist()
@@ -260,6 +259,20 @@ def test_caps_and_budgets_are_kept_and_reported() -> None:
     late = qr.solve_contacts(W, q, mu, tolerance=1e-18, max_sweeps=10**9, time_budget=0.02)
     assert late.stop_reason == "time-budget"
     assert late.time < 0.5
+
+
+def test_the_cap_is_named_where_it_was_reached_and_stagnation_where_it_was_not() -> None:
+    seen = set()
+    for levels in (1, 2):
+        W, q, mu = rigid_stack(levels, 3, mu=0.5, push=0.1)
+        for tolerance in (1e-8, 1e-18):  # the second is below what rounding allows
+            for cap in (2, 41, 300, 2000):
+                solution = qr.solve_contacts(W, q, mu, tolerance=tolerance, max_sweeps=cap)
+                if not solution.converged:
+                    reached = solution.sweeps >= cap
+                    assert solution.stop_reason == ("sweep-cap" if reached else "stagnated"), f"{solution} with a cap of {cap}"
+                seen.add(solution.stop_reason)
+    assert seen == {"converged", "sweep-cap", "stagnated"}
 
 
 def test_ctrl_c_ends_a_call() -> None:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from grasp_columns import DT, FRICTION, GRAVITY, MASS, SQUEEZE, STEPS, made_up_grasp
 
-from quasirigid import summary as s
-from quasirigid.small_figures import in_small_units, percent
+from quasirigid.grasp import summary as s
+from quasirigid.rotation import conjugate, matrix_of, quaternion_of, quaternion_product, rotate, rotation_angle
+from quasirigid.units import in_small_units, mass_words, percent, pressure_unit
 
 KEYS = "held object_mass_kg drift_m_per_s spin_rad_per_s contacts residual_max unconverged_steps steps step_ms_median step_ms_p99"
 KEYS += " normal_force_n support_error phases"
@@ -92,10 +93,14 @@ def test_quaternions_agree_with_matrices() -> None:
     from scipy.spatial.transform import Rotation
 
     r = Rotation.from_quat(q[:, [1, 2, 3, 0]])
-    np.testing.assert_allclose(s.rotate(q, v), r.apply(v), atol=1e-14)
-    np.testing.assert_allclose(s.rotation_angle(q), r.magnitude(), atol=1e-14)
-    np.testing.assert_allclose(s.rotate(s.quaternion_product(q, s.conjugate(q)), v), v, atol=1e-14)
-    assert s.rotation_angle(np.array([1.0, 1e-12, 0, 0])) == pytest.approx(2e-12)
+    np.testing.assert_allclose(rotate(q, v), r.apply(v), atol=1e-14)
+    np.testing.assert_allclose(rotation_angle(q), r.magnitude(), atol=1e-14)
+    np.testing.assert_allclose(rotate(quaternion_product(q, conjugate(q)), v), v, atol=1e-14)
+    np.testing.assert_allclose(matrix_of(q), r.as_matrix(), atol=1e-14)
+    np.testing.assert_allclose(matrix_of(q[0]), matrix_of(q)[0], atol=0.0)
+    scipys = np.array([Rotation.from_matrix(matrix).as_quat()[[3, 0, 1, 2]] for matrix in r.as_matrix()])
+    np.testing.assert_allclose([quaternion_of(matrix) for matrix in r.as_matrix()], scipys, atol=3e-16)
+    assert rotation_angle(np.array([1.0, 1e-12, 0, 0])) == pytest.approx(2e-12)
 
 
 def test_slip_margin() -> None:
@@ -105,4 +110,8 @@ def test_slip_margin() -> None:
 def test_figures_next_to_nothing_read_well() -> None:
     told = [in_small_units(value, "m/s") for value in (2.4e-18, 1.04e-9, 3.9e-7, 1.9e-3, 2.0)]
     assert told == ["under 0.001 nm/s", "1.04 nm/s", "390 nm/s", "1.9 mm/s", "2 m/s"]
+    told = [in_small_units(value, "N", 2) for value in (0.1123, 0.99999, 1234.0, 2.5e6)]
+    assert told == ["110 mN", "1 N", "1.2 kN", "2500 kN"]
+    assert [mass_words(kilograms) for kilograms in (0.0131, 1e-5, 0.99999, 5.0)] == ["13.1 g", "10 mg", "1 kg", "5 kg"]
+    assert [pressure_unit(pascal) for pascal in (20.0, 1.1e5, 3e6)] == [(1.0, "Pa"), (1e3, "kPa"), (1e6, "MPa")]
     assert (percent(1.7e-14), percent(0.0025)) == ("0.001 %", "0.25 %")

@@ -15,19 +15,19 @@ import pytest
 from viser._messages import FileTransferPart, FileTransferStartUpload, RemoveNotificationMessage
 
 import quasirigid as qr
-from quasirigid.cli import main
-from quasirigid.grasp_options import GraspOptions
-from quasirigid.summary import rotate
-from quasirigid.view import words
-from quasirigid.view.draw import Layers, SceneDrawing
-from quasirigid.view.play import BASE_SPEED, Figures, Play
-from quasirigid.view.pressure import STICK, Scale, nice_above, patch_of, pressure_at
-from quasirigid.view.session import Session
-from quasirigid.view.stage import close_server, free_port, open_server, page_url
-from quasirigid.view.tactile import HEADING, SIDE, Tactile
-from quasirigid.view.things import LARGEST_UPLOAD, SHAPES, built_in, from_upload
-from quasirigid.view.uploads import UploadGate
-from quasirigid.world_recorder import LiveRecorder
+from quasirigid.cli.app import main
+from quasirigid.grasp.options import GraspOptions
+from quasirigid.live import html
+from quasirigid.live.draw import Layers, SceneDrawing
+from quasirigid.live.object_library import LARGEST_UPLOAD, SHAPES, built_in, from_upload
+from quasirigid.live.play import BASE_SPEED, Figures, Play
+from quasirigid.live.recorder import LiveRecorder
+from quasirigid.live.session import Session
+from quasirigid.live.stage import close_server, free_port, open_server, page_url
+from quasirigid.live.tactile import HEADING, SIDE, Tactile
+from quasirigid.live.uploads import UploadGate
+from quasirigid.rotation import rotate
+from quasirigid.scene.pressure import STICK, Scale, nice_above, patch_of, pressure_at, spread
 
 OPTIONS = GraspOptions(points=4_000)
 
@@ -75,12 +75,39 @@ def test_the_pressure_shown_carries_the_force_of_the_finger(held: Play) -> None:
 def test_a_sensor_shows_pressure_where_it_is_and_nothing_elsewhere(held: Play) -> None:
     state = held.state()
     picture = Tactile(held.scene.model).picture(state, 50e3)
-    assert picture.shape == (HEADING + SIDE, 3 * SIDE + 16, 3)
+    assert picture.shape == (2 * (HEADING + SIDE), 3 * SIDE + 16, 3)
     middle, rim = picture[HEADING + SIDE // 2, SIDE // 2].astype(int), picture[HEADING + SIDE // 2, 22].astype(int)
     assert middle[1] > rim[1] + 30, (middle, rim)  # viridis grows greener
     assert (picture[HEADING + 1, 1] > 250).all()  # beside the pad
     for row in (HEADING, HEADING + SIDE - 1):
         assert (picture[row] > 250).all(), "the whole rim of every pad is in the picture"
+
+
+def test_a_sensor_shows_shear_below_pressure_and_arrows_point_where_the_pad_is_drawn(held: Play) -> None:
+    state = held.state()
+    picture = Tactile(held.scene.model).picture(state, 50e3).astype(int)
+    below = picture[2 * HEADING + SIDE :, :SIDE]
+    white = (below > 250).all(axis=2)
+    pad = (picture[HEADING : HEADING + SIDE, :SIDE] <= 250).any(axis=2)  # the same shape above, where there are no arrows
+    arrows = white & pad
+    assert arrows.sum() > 40, f"{arrows.sum()} px of arrows of shear"
+    assert not (white & pad)[: SIDE // 8].any(), "where nothing presses there are none"
+    # The box hangs from the pads by friction: their skin is drawn down. An arrow's head is wider than its shaft, and below.
+    rows, columns = np.nonzero(arrows)
+    lonely = {(r, c) for r, c in zip(rows, columns, strict=True)}
+    tips = [(r, c) for r, c in lonely if {(r - 1, c - 1), (r - 1, c + 1)} <= lonely and (r + 1, c) not in lonely]
+    upward = [(r, c) for r, c in lonely if {(r + 1, c - 1), (r + 1, c + 1)} <= lonely and (r - 1, c) not in lonely]
+    assert len(tips) > len(upward), f"{len(tips)} arrows point down, {len(upward)} up"
+
+
+def test_a_vector_field_is_spread_component_by_component() -> None:
+    rng = np.random.default_rng(5)
+    points, spots, areas = rng.random((50, 3)), rng.random((12, 3)), np.full(12, 0.02)
+    field = rng.standard_normal((12, 2))
+    both = spread(points, spots, np.abs(field), areas)
+    for column in (0, 1):
+        np.testing.assert_allclose(both[:, column], spread(points, spots, np.abs(field[:, column]), areas), rtol=1e-5)
+    assert spread(points, spots, -np.abs(field), areas).max() < 0.0, "a field may be negative"
 
 
 def test_arrows_of_fingers_have_a_fixed_scale_but_none_leaves_the_picture(held: Play) -> None:
@@ -186,7 +213,7 @@ def test_the_simulation_never_runs_ahead_of_the_clock(session: Session) -> None:
 def test_a_machine_that_is_too_slow_gives_slow_motion_and_says_so(session: Session) -> None:
     def said() -> str:
         frame = session.newest()[1]
-        return words.figures("closing", frame.state.time, frame.real_time, frame.speed, 0.01, 3, running=frame.running)
+        return html.figures("closing", frame.state.time, frame.real_time, frame.speed, 0.01, 3, running=frame.running)
 
     hindered, speed = [True], 0.2  # a fifth of real time: any machine can do that
     session.observe(lambda play: time.sleep(0.02 if hindered[0] else 0.0))

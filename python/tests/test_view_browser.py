@@ -2,26 +2,45 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import browser as browser_tools
 import numpy as np
 import pytest
 import trimesh
 from browser import canvas_box, open_page, picture, received, running_browser, wait_until
+from live_page import (
+    assert_inside,
+    bodies_on_screen,
+    body,
+    camera_of,
+    colours_of_the_hand,
+    drag,
+    enter,
+    figure_of,
+    frame,
+    height,
+    hold,
+    is_in_sight,
+    keep,
+    on_screen,
+    press,
+)
+from PIL import Image
 
-from quasirigid.grasp_options import GraspOptions
-from quasirigid.summary import rotate
-from quasirigid.view.play import Play
-from quasirigid.view.server import LiveView
-from quasirigid.view.session import Frame
-from quasirigid.view.things import LARGEST_UPLOAD
-from quasirigid.view.touch import BASE_SCALE, FINGER_SCALE
+import quasirigid as qr
+from quasirigid.grasp.options import GraspOptions
+from quasirigid.live.dragging import BASE_SCALE, FINGER_SCALE
+from quasirigid.live.object_library import LARGEST_UPLOAD
+from quasirigid.live.play import Play
+from quasirigid.live.server import LiveView
+from quasirigid.rotation import rotate
 
-SHOTS = os.environ.get("QUASIRIGID_SCREENSHOTS")
-"""A directory: pictures of the page are left there."""
+pytestmark = pytest.mark.realtime
+
 OPTIONS = GraspOptions(points=6_000)
 
 
@@ -43,79 +62,6 @@ def live() -> Iterator[LiveView]:
     view.start()
     yield view
     view.stop()
-
-
-def frame(live: LiveView) -> Frame:
-    return live.session.newest()[1]
-
-
-def height(live: LiveView) -> float:
-    return float(frame(live).state.positions[body(live, "object")][2])
-
-
-def body(live: LiveView, kind: str) -> int:
-    return next(i for i, b in enumerate(frame(live).model.bodies) if b.kind == kind)
-
-
-def press(page: Any, name: str) -> None:
-    page.get_by_role("button", name=name, exact=True).click()
-
-
-def slider_field(page: Any, label: str) -> Any:
-    row = page.locator(f"label:has-text('{label}')").first.locator("xpath=ancestor::*[.//input][1]")
-    return row.locator("input[type=text]").first
-
-
-def enter(page: Any, label: str, value: float) -> None:
-    """Types a figure into the field of a slider."""
-    field = slider_field(page, label)
-    field.fill(str(value))
-    field.press("Enter")
-
-
-def on_screen(live: LiveView, page: Any, point: np.ndarray[Any, Any]) -> tuple[float, float]:
-    """Where a point of the world is in the page, px."""
-    camera = next(iter(live.server.get_clients().values())).camera
-    conjugate = np.array(camera.wxyz) * [1, -1, -1, -1]
-    x, y, z = rotate(conjugate, point - camera.position)
-    box = canvas_box(page)
-    scale = 0.5 * box["height"] / np.tan(0.5 * camera.fov) / z
-    return box["x"] + 0.5 * box["width"] + scale * x, box["y"] + 0.5 * box["height"] + scale * y
-
-
-def drag(page: Any, start: tuple[float, float], end: tuple[float, float], *, pause: float) -> None:
-    """Drags, with a ``pause`` (s) on arrival and before letting go."""
-    page.mouse.move(start[0] - 2, start[1])
-    page.mouse.move(*start)
-    page.wait_for_timeout(1e3 * pause)
-    page.mouse.down()
-    for share in np.linspace(0.1, 1.0, 8):
-        page.mouse.move(*(a + share * (b - a) for a, b in zip(start, end, strict=True)))
-        page.wait_for_timeout(100)
-    page.wait_for_timeout(1e3 * pause)
-    page.mouse.up()
-
-
-def keep(page: Any, name: str) -> None:
-    if SHOTS:
-        page.screenshot(path=str(Path(SHOTS) / f"{name}.png"))
-
-
-def hold(live: LiveView, page: Any) -> None:
-    """Lets the hand take the box and lift it."""
-    press(page, "Run")
-    wait_until(lambda: frame(live).state.phase == "holding", "the grip holds")
-    press(page, "Lift")
-    wait_until(lambda: height(live) > 0.08, "the box is lifted")
-
-
-def colours_of_the_hand(image: np.ndarray[Any, Any]) -> int:
-    """Pixels as blue as the thumb's joints."""
-    return int((image[..., 2] - image[..., 0] > 0.25).sum())
-
-
-def figure_of(page: Any, label: str) -> str:
-    return str(slider_field(page, label).input_value())
 
 
 def test_the_page_shows_box_and_fingers_and_run_makes_them_move(live: LiveView, page: Any) -> None:
@@ -140,6 +86,105 @@ def test_the_page_shows_box_and_fingers_and_run_makes_them_move(live: LiveView, 
     wait_until(lambda: frame(live).state.step == step + 1, "one step")
     assert page.strangers == []
     keep(page, "view")
+
+
+@pytest.mark.parametrize("size", [(390, 844), (1280, 720)])
+def test_hand_sensors_and_controls_are_in_sight_on_a_phone_and_on_a_small_screen(
+    live: LiveView, browser: Any, size: tuple[int, int]
+) -> None:
+    phone = size[0] < 576
+    with open_page(browser, live.server.get_port(), size=size) as page:
+        run = page.get_by_role("button", name="Run", exact=True)
+        run.wait_for()
+
+        def sheet() -> float:
+            """Where the sheet of a phone begins, px from above; elsewhere nothing lies over the scene."""
+            header = page.get_by_text("quasirigid", exact=True).locator("xpath=ancestor::*[contains(@class, 'Paper-root')][1]")
+            return float(header.bounding_box()["y"]) if phone else float(size[1])
+
+        def in_sight() -> bool:
+            state, model = frame(live).state, frame(live).model
+            return is_in_sight(bodies_on_screen(live.server, page, model, state), page, sheet())
+
+        wait_until(in_sight, f"hand and box are in the picture of {size} px, above the sheet")
+        if phone:
+            assert size[1] - sheet() <= 0.46 * size[1], f"the sheet covers {size[1] - sheet():.0f} of {size[1]} px"
+        # What is pressed most is there without scrolling, and so are the sensors, or the row that opens them.
+        sensors = page.get_by_role("button", name="Expand panel Sensors") if phone else page.get_by_role("tab", name="Sensors")
+        for what in (run, page.get_by_role("button", name="Fit the view"), page.get_by_role("button", name="Close", exact=True), sensors):
+            assert_inside(what, (0.0, sheet() if phone else 0.0, *size))
+        if phone:
+            sensors.click()
+        picture_of_pads, legend = page.locator("img:visible").first, page.locator(".curve-legend")
+        for what in (picture_of_pads, legend, page.get_by_text("Normal force (N): no data yet")):
+            assert_inside(what, (0.0, 0.0, *size), scroll=True)
+        for name in frame(live).model.fingers:
+            assert name in legend.inner_text()
+        keep(page, f"view-{size[0]}")
+        if phone:  # the panel folds, by a touch on its header
+            open_at = sheet()
+            page.get_by_text("quasirigid", exact=True).click()
+            wait_until(lambda: sheet() > size[1] - 70, f"the sheet is folded, from {open_at:.0f} px")
+            keep(page, "view-folded")
+        else:
+            press(page, "Run")
+            page.get_by_text("Normal force (N) over time (s)").wait_for()  # there are data now, and nothing else is said
+
+            def curve_of_the_thumb() -> int:
+                image = np.asarray(Image.open(BytesIO(page.locator(".uplot:visible").first.screenshot())).convert("RGB")).astype(int)
+                return int((np.abs(image - [0x00, 0x72, 0xB2]).max(axis=2) < 40).sum())
+
+            wait_until(lambda: curve_of_the_thumb() > 50, "the curve of the thumb is drawn, in its colour")
+
+
+def test_fit_the_view_brings_everything_back_into_the_picture(live: LiveView, page: Any) -> None:
+    def in_sight() -> bool:
+        state, model = frame(live).state, frame(live).model
+        return is_in_sight(bodies_on_screen(live.server, page, model, state), page, page.viewport_size["height"])
+
+    wait_until(in_sight, "everything is in the picture at the start")
+    camera = camera_of(live.server)
+    sideways = np.cross(camera.look_at - camera.position, [0.0, 0.0, 1.0])
+    camera.position = camera.position + 0.3 * (camera.look_at - camera.position) + 0.3 * sideways
+    wait_until(lambda: not in_sight(), "a part has left it")
+    towards = camera_of(live.server).look_at - camera_of(live.server).position
+    press(page, "Fit the view")
+    wait_until(in_sight, "everything is in the picture again")
+    after = camera_of(live.server).look_at - camera_of(live.server).position
+    cosine = float(after @ towards / np.linalg.norm(after) / np.linalg.norm(towards))
+    assert cosine > 0.999, f"seen from where one was: {cosine}"
+
+
+@pytest.mark.parametrize("size", [0.01, 10.0])
+def test_a_world_of_one_s_own_is_in_the_picture_whatever_its_size_and_stays_there(browser: Any, size: float) -> None:
+    world, rubber = qr.World(), qr.Material.preset("rubber")
+    world.add_body(qr.Surface.half_space(6 * size, points=400), rubber, motion="fixed")
+    ball = world.add_body(qr.Surface.sphere(0.5 * size, points=600), rubber, mass=500 * size**3, position=(0.0, 0.0, 2.0 * size))
+    with (
+        qr.view(world, browser=False, port=8330) as shown,
+        open_page(browser, int(shown.url.rsplit(":", 1)[1]), size=(1280, 720)) as page,
+    ):
+        server, scale = shown._page.server, shown._page._scale
+
+        def in_sight() -> bool:
+            places = browser_tools.on_screen(camera_of(server), page, scale * (ball.position + ball.surface.points))  # type: ignore[union-attr]
+            box = canvas_box(page)
+            large = np.ptp(places, axis=0).max() > 0.15 * box["height"]
+            return large and is_in_sight(places, page, box["y"] + box["height"])
+
+        def coloured() -> float:
+            image = picture(page)
+            return float(((image[..., 2] - image[..., 0] > 0.04) & (image.mean(axis=2) < 0.93)).mean())
+
+        wait_until(in_sight, "the ball is in the picture")
+        wait_until(lambda: coloured() > 0.02, "the ball is drawn")
+        world.step(round(1.5 * (2.0 * size / 9.81) ** 0.5 / world.dt))
+        wait_until(in_sight, "the ball has fallen to the floor and is in the picture")
+        thrown = np.array([3.0 * size, 0.0, 0.5 * size])
+        ball.set_pose(thrown)
+        world.step()
+        wait_until(in_sight, "the picture follows the ball")
+        keep(page, f"own-{size:g}")
 
 
 def test_less_friction_drops_the_box_and_reset_brings_it_back(live: LiveView, page: Any) -> None:

@@ -13,16 +13,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import quasirigid as qr
-from quasirigid.grasp_options import GraspOptions
+from quasirigid.grasp.options import GraspOptions
+from quasirigid.live.batched_nodes import OUT_OF_SIGHT, Joined, LinePool, PatchPool
+from quasirigid.live.pad_detail import FAR, PadDetail
+from quasirigid.live.play import Play
+from quasirigid.live.unlit import unlit_glb
 from quasirigid.objects.sampling import sample_mesh
-from quasirigid.summary import rotate
-from quasirigid.view.detail import FAR, PadDetail
-from quasirigid.view.meshes import SAGITTA, in_drawing_order, is_convex, mirrored, tapered_capsule, thinned, triangulate
-from quasirigid.view.parts import OUT_OF_SIGHT, Joined, LinePool, PatchPool
-from quasirigid.view.play import Play
-from quasirigid.view.pressure import matrix_of
-from quasirigid.view.scene import Moved
-from quasirigid.view.unlit import unlit_glb
+from quasirigid.rotation import matrix_of, rotate
+from quasirigid.scene.meshes import SAGITTA, in_drawing_order, is_convex, mirrored, tapered_capsule, thinned, triangulate
+from quasirigid.scene.model import Moved
 
 OPTIONS = GraspOptions(points=4_000)
 

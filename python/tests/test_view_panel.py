@@ -13,15 +13,16 @@ import pytest
 from browser import wait_until
 
 import quasirigid as qr
-from quasirigid.grasp import LIFT, Grasp, take_box
-from quasirigid.grasp_options import GraspOptions
-from quasirigid.grasp_run import Page
-from quasirigid.summary import FloatArray
-from quasirigid.view.panel import show_value
-from quasirigid.view.play import PULL_LIMIT, Play
-from quasirigid.view.server import LiveView
-from quasirigid.view.session import Session
-from quasirigid.view.world_scene import WorldScene
+from quasirigid.arrays.types import FloatArray
+from quasirigid.grasp.experiment import LIFT, Grasp
+from quasirigid.grasp.options import GraspOptions
+from quasirigid.grasp.setup import take_box
+from quasirigid.live.grasp_page import Page
+from quasirigid.live.panel import show_value
+from quasirigid.live.play import PULL_LIMIT, Play
+from quasirigid.live.server import LiveView
+from quasirigid.live.session import Session
+from quasirigid.scene.world import WorldScene
 
 OPTIONS = GraspOptions(points=2_000)
 
@@ -177,7 +178,7 @@ def test_a_grasp_is_watched_with_its_phase_and_pace_and_slow_motion_is_said(caps
     grasp = Grasp(OPTIONS)
     page: Any
     with Page(port=8470, browser=False).open(grasp) as page:
-        assert grasp.paced
+        assert grasp.real_time
         assert "http://localhost:84" in capsys.readouterr().err
         grasp.phase = "squeeze"
 
@@ -209,7 +210,7 @@ def test_the_forces_drawn_point_from_the_pad_into_the_object(control_points: int
 
 
 def test_the_package_can_be_called_and_its_modules_imported() -> None:
-    import quasirigid.view.words as by_name
+    import quasirigid.live.html as by_name
 
     assert by_name.force(0.0, 1.0) == ""
     assert callable(qr.view)

@@ -18,11 +18,13 @@ import pytest
 from browser import NEEDED, PATIENCE, open_page, picture, running_browser, wait_until
 from xr_hand import GRIP, matrices
 
-from quasirigid.grasp_options import GraspOptions
+from quasirigid.grasp.options import GraspOptions
 from quasirigid.mocap.session import MocapOptions, MocapSession
-from quasirigid.webxr import XrServer
-from quasirigid.webxr.joints import Side
-from quasirigid.webxr.placement import AHEAD, BELOW
+from quasirigid.mocap.webxr import XrServer
+from quasirigid.mocap.webxr.joints import Side
+from quasirigid.mocap.webxr.placement import AHEAD, BELOW
+
+pytestmark = pytest.mark.realtime
 
 HERE = Path(__file__).parent
 EMULATOR = HERE.parents[1] / "tools" / "webxr" / "node_modules" / "iwer" / "build" / "iwer.min.js"
@@ -51,7 +53,7 @@ def browser() -> Iterator[Any]:
 
 
 class Running:
-    """A session of `grasp --mocap webxr` in a thread. A page that stands still for a moment, on a busy machine, is no hand that is lost."""
+    """A session of `mocap grasp webxr` in a thread. A page that stands still for a moment, on a busy machine, is no hand that is lost."""
 
     def __init__(self, side: Side = "right", idle: float = 8.0) -> None:
         self.server = XrServer(0, side=side)
@@ -147,7 +149,7 @@ def move(page: Any, keys: list[list[float]]) -> None:
 
 def check_lift(lifted: float, *, late: float, gap: float) -> None:
     """The box (``lifted``, m) went as high as the hand. Where the machine was too busy for real time (``gap`` s without a hand, or a step ``late`` s
-    late), the hand was shown in a hurry to catch up (``quasirigid.mocap.pace``), and the box may have slid down between the pads: then the test is
+    late), the hand was shown in a hurry to catch up (``quasirigid.mocap.real_time_clock``), and the box may have slid down between the pads: then the test is
     skipped, visibly.
     """
     told = f"lifted by {1e3 * lifted:.1f} mm, the hand by {1e3 * LIFT:.0f} mm; {gap:.2f} s without a hand, a step {late:.2f} s late"
@@ -182,8 +184,8 @@ def test_synthetic_hand_joints_pinch_and_lift_the_box(browser: Any, emulator: st
         move(page, TAKE)
         move(page, RAISE)
         settled(lambda: running.lifted)
-        assert running.session.pace is not None
-        check_lift(running.lifted, late=max(running.session.pace.lateness), gap=page.evaluate("xrGap"))
+        assert running.session.clock is not None
+        check_lift(running.lifted, late=max(running.session.clock.lateness), gap=page.evaluate("xrGap"))
         until(page, f"quasirigid.drawing.bodies[0].position.z > {0.04 + LIFT - 0.012}")
         until(page, "quasirigid.board.said.includes('Held')")
         move(page, PUT_DOWN)
@@ -204,8 +206,8 @@ def test_from_the_command_line_to_the_summary(browser: Any, emulator: str, tmp_p
         sys.executable,
         "-m",
         "quasirigid.cli",
+        "mocap",
         "grasp",
-        "--mocap",
         "webxr:0",
         "--points",
         "6000",
@@ -295,6 +297,59 @@ def test_a_pinch_of_the_other_hand_for_two_seconds_puts_the_table_before_the_per
         assert running.server.placement.heading == pytest.approx(-np.pi / 2, abs=0.01)
         until(page, f"Math.abs(quasirigid.drawing.world.position.x - {x}) < 1e-6")
         assert running.server.statistics()["recentred"] == 1
+
+
+SPEECH = """
+window.spoken = null;
+window.SpeechRecognition = class {
+  static available = async ({ processLocally }) => (processLocally ? 'available' : 'unavailable');
+  start() { window.spoken = this; }
+  stop() { window.spoken = null; this.onend(); }
+  say(words) { this.onresult({ resultIndex: 0, results: [Object.assign([{ transcript: words }], { isFinal: true })] }); }
+};
+"""
+"""A recogniser of the browser's own that hears what a test says."""
+
+
+def test_button_and_voice_put_the_object_back_and_what_fell_over_is_said_to_have(browser: Any, running: Running) -> None:
+    box = running.session.object
+
+    def prepare(page: Any) -> None:
+        page.add_init_script(SPEECH)
+
+    def shown(page: Any, height: float) -> None:
+        """The scene has no hand yet, so nothing steps: the box is where it was put."""
+        wait_until(lambda: abs(float(box.position[2]) - height) < 1e-3, f"the box at {height} m")
+
+    with open_page(browser, running.server.address[1], prepare) as page:
+        until(page, "quasirigid.status.states > 0")
+        for again, ask in enumerate((lambda: press(page, "#reset"), lambda: page.evaluate("spoken.say('please reset it')"))):
+            if again:
+                press(page, "#listen")
+                until(page, "document.querySelector('#listen').ariaPressed === 'true'")
+                page.evaluate("spoken.say('presets are something else')")
+            box.set_pose((0.1, 0.0, 0.3))
+            ask()
+            shown(page, 0.04)
+            until(page, f"quasirigid.status.resets === {again + 1}")
+        assert running.session.resets == 2
+        press(page, "#listen")
+        until(page, "window.spoken === null")
+        scene = running.session.scene
+        running.session.viewer = None  # from here on the test draws
+        running.server.draw(replace(scene.state(phase="fallen over"), notice="only a left hand is seen"))
+        until(page, "document.querySelector('#link').textContent.startsWith('Fallen over')")
+        until(page, "document.querySelector('#notice').textContent === 'only a left hand is seen'")
+        assert page.is_visible("#notice")
+
+
+def test_a_browser_that_would_send_speech_elsewhere_is_not_asked_to_listen(browser: Any, running: Running) -> None:
+    with open_page(
+        browser, running.server.address[1], lambda page: page.add_init_script(SPEECH.replace("'available'", "'downloadable'"))
+    ) as page:
+        until(page, "quasirigid.status.states > 0")
+        assert not page.is_visible("#listen")
+        assert page.strangers == []
 
 
 @pytest.mark.parametrize("running", [{"idle": 30.0}], indirect=True)

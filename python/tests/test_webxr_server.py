@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,15 +18,15 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from xr_hand import hand
 
-from quasirigid.grasp_options import GraspOptions
+from quasirigid.grasp.options import GraspOptions
 from quasirigid.mocap import HandTracker, shipped_take
 from quasirigid.mocap.session import MocapOptions, MocapSession
-from quasirigid.mocap.stream import TakeSource
-from quasirigid.view.scene import SceneModel, SceneState
-from quasirigid.webxr import XrServer
-from quasirigid.webxr.messages import HEAD, MAGIC
-from quasirigid.webxr.server import CLIENTS, SILENT
-from quasirigid.webxr.wire import LEVELS, SEEN, SceneWire
+from quasirigid.mocap.source import TakeSource
+from quasirigid.mocap.webxr import XrServer
+from quasirigid.mocap.webxr.messages import HEAD, MAGIC
+from quasirigid.mocap.webxr.server import CLIENTS, SILENT
+from quasirigid.mocap.webxr.wire import LEVELS, SEEN, SceneWire
+from quasirigid.scene.model import SceneModel, SceneState
 
 
 class Page:
@@ -50,11 +51,12 @@ class Page:
                 return found
 
 
-def message(moment: float, height: float = 1.0) -> bytes:
+def message(moment: float, height: float = 1.0, there: int = 3) -> bytes:
+    """Both hands, or those whose bits are set in ``there``: 1 is the left one, 2 the right one."""
     joints = np.zeros((25, 8))
     joints[:, :3], joints[:, 6], joints[:, 7] = hand(0.03, 0.0)[0] + [0.0, height, 0.0], 1.0, 0.008
     left = joints * [-1.0, 1, 1, 1, 1, 1, 1, 1]
-    return HEAD.pack(MAGIC, 3, moment) + np.stack([left, joints]).astype("<f4").tobytes()
+    return HEAD.pack(MAGIC, there, moment) + np.stack([left, joints]).astype("<f4").tobytes()
 
 
 @contextmanager
@@ -183,6 +185,46 @@ def test_the_hand_that_was_chosen_is_the_one_that_is_listened_to(side: Any) -> N
         assert frame.positions[0][1] == pytest.approx((1.0 if side == "left" else -1.0) * thumb[0], abs=1e-6)
 
 
+def test_a_reset_is_heard_from_the_page_that_is_listened_to_alone(server: XrServer) -> None:
+    assert not server.reset_asked()
+    with page_of(server) as first, page_of(server) as second:
+        first.send()
+        assert first.hears("writer")["yours"] is True
+        second.connection.send(json.dumps({"type": "reset"}))
+        wait_until(lambda: server.statistics()["refused"] == 1, "the other page to be refused", 10.0)
+        assert not server.reset_asked()
+        first.connection.send(json.dumps({"type": "reset"}))
+        wait_until(server.reset_asked, "the reset", 10.0)
+        assert not server.reset_asked(), "once"
+
+
+def test_a_page_that_sends_the_other_hand_alone_is_told_so_within_two_seconds(server: XrServer) -> None:
+    session = MocapSession(GraspOptions(points=3_000, dt=0.004), MocapOptions(idle=1.0), server, server)
+    said: list[tuple[float, str]] = []
+    began = time.monotonic()
+    session.log = lambda line: said.append((time.monotonic() - began, line))
+    server.ended = lambda: len(said) >= 2 or time.monotonic() - began > 20.0  # type: ignore[method-assign]
+    running = threading.Thread(target=session.wait_for_hand)
+    running.start()
+    try:
+        # Nobody is there yet.
+        wait_until(lambda: len(said) == 1, "the session to miss a page", 10.0)
+        with page_of(server) as page:
+            start = time.monotonic()
+            while len(said) < 2 and time.monotonic() - start < 10.0:
+                page.clock += 1 / 72
+                page.connection.send(message(page.clock, there=1))
+                time.sleep(1 / 72)
+    finally:
+        running.join(timeout=30.0)
+    assert server.url in said[0][1], "where to go"
+    assert "mocap monitor" not in said[0][1], "that one hears no headset"
+    assert said[0][0] < 2.0, said
+    assert "only a left hand" in said[1][1], said
+    assert "--hand left" in said[1][1]
+    assert said[1][0] - (start - began) < 2.0, said
+
+
 class Weighing:
     """A viewer that measures what a page would be sent."""
 
@@ -197,6 +239,9 @@ class Weighing:
 
     def wants_state(self) -> bool:
         return True
+
+    def reset_asked(self) -> bool:
+        return False
 
     def draw(self, state: SceneState) -> None:
         assert not self.wire.outgrown(state), "wood does not yield visibly"

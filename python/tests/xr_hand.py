@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from quasirigid.webxr import JOINTS
+from quasirigid.arrays.types import FloatArray
+from quasirigid.mocap.webxr import JOINTS
 
-FloatArray = npt.NDArray[np.float64]
 ROOM_FROM_WORLD = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
 """Heading 0: world x is -z of the room, world y is -x, world z is y."""
 RADIUS = 0.008

@@ -1,4 +1,4 @@
-// The parts of three.js that the page uses; bundled into python/quasirigid/webxr/static/three.js by `npm run three`.
+// The parts of three.js that the page uses; bundled into python/quasirigid/mocap/webxr/static/three.js by `npm run three`.
 export {
   BoxGeometry,
   BufferAttribute,

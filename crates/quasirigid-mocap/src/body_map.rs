@@ -54,8 +54,9 @@ impl BodyMap {
     /// # Errors
     /// [`Error::InvalidValue`] with what is wrong.
     pub fn from_toml(text: &str) -> Result<Self> {
-        let refuse =
-            |error: toml::de::Error| Error::value("bodies", "a TOML table of fingers", error.message(), "see docs/mocap.md for an example");
+        let refuse = |error: toml::de::Error| {
+            Error::value("bodies", "a TOML table of fingers", error.message(), "a line [index], below it body = 1, and so on")
+        };
         let file: File = toml::from_str(text).map_err(refuse)?;
         let side = match file.side.as_str() {
             "left" => Side::Left,

@@ -12,7 +12,7 @@ const LEAST_SPREAD: f64 = 0.01;
 const FARTHEST: f64 = 1e3;
 
 /// Rigid transform from tracker to world.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
     /// `x_world = world_from_tracker * x_tracker`, m.
     pub world_from_tracker: Pose,

@@ -14,9 +14,10 @@
 //! or the world of the simulation after [`HandFrame::transformed`].
 
 use crate::Pose;
+use serde::{Deserialize, Serialize};
 
 /// Which hand.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Side {
     /// The left hand.
     Left,
@@ -65,7 +66,7 @@ impl Finger {
 }
 
 /// Where the poses are given.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ReferenceFrame {
     /// The room frame of the tracker.
     Tracker,
@@ -74,7 +75,7 @@ pub enum ReferenceFrame {
 }
 
 /// Where a frame came from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Source {
     /// A hand of DTrack's line `gl`.
     DtrackHand,
@@ -99,7 +100,7 @@ impl Source {
 }
 
 /// The palm, if the source knows of one.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PalmPose {
     /// The palm frame (see the module page). Means nothing while not tracked.
     pub pose: Pose,
@@ -108,7 +109,7 @@ pub struct PalmPose {
 }
 
 /// One fingertip.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FingerPose {
     /// The tip frame (see the module page). Means nothing while not tracked.
     pub tip: Pose,
@@ -119,7 +120,7 @@ pub struct FingerPose {
 }
 
 /// A hand at one moment: plain data, nothing on the heap.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct HandFrame {
     /// Left or right.
     pub side: Side,

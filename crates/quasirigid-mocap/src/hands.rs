@@ -5,6 +5,7 @@ use crate::dtrack::{Body, Columns, Hand, Packet, Placement};
 use crate::error::{Error, Result};
 use crate::{Finger, FingerPose, HandFrame, PalmPose, Pose, Rot, Side, Source, Vec3};
 use nalgebra::{Matrix3, Rotation3};
+use std::path::Path;
 
 /// Half a day: a clock that falls back by more than this has passed midnight.
 const HALF_DAY: f64 = 43_200.0;
@@ -93,6 +94,24 @@ pub enum HandChoice {
     Fingertracking(Side),
     /// Bodies of the line `6d`.
     Bodies(Box<BodyMap>),
+}
+
+impl HandChoice {
+    /// The hand on this `side`, or the bodies that `bodies` names: a TOML file (by its ending), which names its side itself, or a text such as `thumb=0,index=1`.
+    ///
+    /// # Errors
+    /// [`Error::File`] for a file that cannot be read; what [`BodyMap::from_toml`] and [`BodyMap::parse`] refuse.
+    pub fn of(side: Side, bodies: Option<&str>) -> Result<Self> {
+        let Some(text) = bodies else { return Ok(Self::Fingertracking(side)) };
+        let map = if Path::new(text).extension().is_some_and(|ending| ending == "toml") {
+            let hint = "give a TOML file, or a text such as thumb=0,index=1";
+            let content = std::fs::read_to_string(text).map_err(|error| Error::file(text, "a readable file", error, hint))?;
+            BodyMap::from_toml(&content)?
+        } else {
+            BodyMap::parse(text, side)?
+        };
+        Ok(Self::Bodies(Box::new(map)))
+    }
 }
 
 /// Makes frames of one hand from the packets of one tracker.
@@ -256,6 +275,22 @@ mod tests {
         let mut at = |stamp: f64| clock.seconds(&Packet { time_of_day: Some(stamp), ..Packet::default() }, 0.0);
         assert_eq!([at(86_399.9), at(0.1), at(86_399.95), at(0.2)], [86_399.9, 86_400.1, 86_399.95, 86_400.2]);
         assert_eq!(clock.seconds(&Packet::default(), 7.0), 7.0, "without a stamp the arrival counts");
+    }
+
+    #[test]
+    fn bodies_are_read_from_a_text_or_from_a_file_that_names_its_side() {
+        assert_eq!(HandChoice::of(Side::Left, None).unwrap(), HandChoice::Fingertracking(Side::Left));
+        let side = |choice| HandDecoder::new(choice).side();
+        assert_eq!(side(HandChoice::of(Side::Left, Some("thumb=0,index=1")).unwrap()), Side::Left);
+        let path = std::env::temp_dir().join(format!("quasirigid-bodies-{}.toml", std::process::id()));
+        let text = path.to_str().unwrap();
+        let missing = HandChoice::of(Side::Left, Some(text)).unwrap_err();
+        assert!(matches!(missing, Error::File { .. }), "{missing}");
+        std::fs::write(&path, "side = \"right\"\n[index]\nbody = 4\n").unwrap();
+        let read = HandChoice::of(Side::Left, Some(text));
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(side(read.unwrap()), Side::Right);
+        assert!(HandChoice::of(Side::Left, Some("thumb")).is_err());
     }
 
     #[test]

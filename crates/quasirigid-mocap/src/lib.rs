@@ -13,6 +13,7 @@ pub mod endpoint;
 pub mod error;
 pub mod hand_frame;
 pub mod hands;
+mod own_thread;
 pub mod receiver;
 pub mod replay;
 pub mod statistics;
@@ -32,7 +33,7 @@ pub use replay::{Replay, ReplayOptions, ReplayState};
 pub use statistics::{Order, Statistics};
 pub use take::{Take, TakePacket};
 pub use take_writer::TakeWriter;
-pub use tracking::{Delay, HandTargets, HandTracker, Target, TargetState, TrackingOptions};
+pub use tracking::{Delay, Dropped, HandTargets, HandTracker, Target, TargetState, TrackingOptions};
 
 /// A pose; `pose12` is "2 in the frame of 1".
 pub type Pose = nalgebra::Isometry3<f64>;

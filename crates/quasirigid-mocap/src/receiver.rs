@@ -3,6 +3,7 @@
 use crate::dtrack::Packet;
 use crate::endpoint::{CONTROLLER_PORT, Endpoint, GREETING};
 use crate::error::{Error, Result};
+use crate::own_thread::OwnThread;
 use crate::statistics::{Order, Statistics, StreamMeter};
 use socket2::{Domain, Protocol, Socket, Type};
 use std::collections::VecDeque;
@@ -10,7 +11,6 @@ use std::io::{self, ErrorKind};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Packets that wait to be taken; older ones go.
@@ -19,8 +19,8 @@ const WAITING: usize = 512;
 const PATIENCE: Duration = Duration::from_millis(20);
 /// Silence after which a controller is greeted again.
 const GREET_AGAIN: Duration = Duration::from_secs(2);
-/// And while its stream comes: so that firewalls, and emulators, remember who listens.
-const GREET_ANYWAY: Duration = Duration::from_secs(60);
+/// And while its stream comes: so that firewalls remember who listens, and emulators, which serve nobody for long who does not greet again.
+const GREET_ANYWAY: Duration = Duration::from_secs(3);
 /// What the socket may hold back while the thread is not running, bytes: a second of the largest packets at 30 Hz.
 const SOCKET_BUFFER: usize = 1 << 20;
 /// So many failures in a row are no accident.
@@ -89,7 +89,7 @@ impl Shared {
 /// An open port. Closed when dropped.
 pub struct Receiver {
     shared: Arc<Shared>,
-    thread: Option<JoinHandle<()>>,
+    thread: OwnThread,
     address: SocketAddr,
     endpoint: Endpoint,
 }
@@ -117,7 +117,7 @@ impl Receiver {
         let (for_thread, options) = (Arc::clone(&shared), options.clone());
         let run = move || listen(&socket, &for_thread, endpoint, &options);
         let thread = std::thread::Builder::new().name("quasirigid-mocap".into()).spawn(run).map_err(failed)?;
-        Ok(Self { shared, thread: Some(thread), address, endpoint })
+        Ok(Self { shared, thread: OwnThread::new(thread), address, endpoint })
     }
 
     /// Address and port that are listened on.
@@ -169,13 +169,10 @@ impl Receiver {
         self.shared.lock().failure.clone()
     }
 
-    /// Stops to listen and closes the port. What came can still be taken.
+    /// Stops to listen and closes the port. What came can still be taken. In a forked child it does nothing: its parent goes on listening.
     pub fn close(&mut self) {
         self.shared.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            // The thread has no way to panic; if it did, there is nobody left to tell.
-            let _ = thread.join();
-        }
+        self.thread.join();
     }
 }
 

@@ -6,12 +6,14 @@ use crate::tracking::ClockSync;
 
 /// Frame counters that are remembered to tell duplicates.
 const REMEMBERED: usize = 256;
-/// A counter that falls back by more than this was set anew.
-const RESTART: i64 = 1000;
-/// So is one that falls back so long (s) after the newest frame,
+/// A counter that falls back so long (s) after the newest frame was set anew,
 const PAUSE: f64 = 0.5;
 /// and one that so many packets in a row rise with from below the newest frame, for so long (s).
 const SET_BACK: (u32, f64) = (4, 0.2);
+/// A counter that leaps by more than this, either way, is believed only when the next packet goes on from there: a damaged or forged datagram may bear any
+/// number. Upwards it may be `PACE` times what the tracker counts in the time since the newest frame, and downwards anything after a `PAUSE`.
+const LEAP: i64 = 1000;
+const PACE: f64 = 2.0;
 /// Arrivals from which rate and jitter are taken.
 const RECENT: usize = 64;
 
@@ -20,7 +22,7 @@ const RECENT: usize = 64;
 pub enum Order {
     /// Newer than all before.
     New,
-    /// Overtaken by a newer one.
+    /// Overtaken by a newer one, or a stray: its counter leaps, and those after it do not follow.
     Late,
     /// Came before.
     Duplicate,
@@ -39,7 +41,7 @@ pub struct Statistics {
     pub packets: u64,
     /// Frames that never came, from gaps in the counter. What comes late is taken off again.
     pub lost: u64,
-    /// Packets that a newer one had overtaken.
+    /// Packets that a newer one had overtaken, and strays.
     pub late: u64,
     /// Packets that came more than once.
     pub duplicates: u64,
@@ -159,8 +161,11 @@ struct Behind {
 struct FrameCounter {
     remembered: Vec<u32>,
     newest: Option<u32>,
-    /// When the newest came, s.
+    /// When the newest came, and when the first since the last restart, s.
     arrival: f64,
+    began: f64,
+    /// One that leapt ahead, until the next packet says whether that is where the counter is now.
+    leapt: Option<u32>,
     /// Those that are not newer and came since, in rising order.
     behind: Behind,
     /// Smallest step seen.
@@ -181,6 +186,9 @@ impl FrameCounter {
         // Over the end of 32 bits it goes on at 0.
         let step = i64::from(frame.wrapping_sub(newest) as i32);
         let known = self.remembered.contains(&frame);
+        if let Some(order) = self.leap(frame, step, arrival) {
+            return order;
+        }
         if !known && step > 0 {
             self.step = if self.step == 0 { step } else { self.step.min(step) };
             self.span += step;
@@ -195,7 +203,7 @@ impl FrameCounter {
         }
         self.behind = Behind { count: self.behind.count + 1, last: frame, ..self.behind };
         let silence = arrival - self.arrival;
-        if (!known && step < -RESTART) || silence > PAUSE || (self.behind.count >= SET_BACK.0 && silence > SET_BACK.1) {
+        if silence > PAUSE || (self.behind.count >= SET_BACK.0 && silence > SET_BACK.1) {
             // Those that seemed late were the first of the new ones.
             (self.came, self.step) = (self.came - self.behind.late, self.behind.step);
             self.lost_before = self.lost();
@@ -213,9 +221,30 @@ impl FrameCounter {
         Order::Late
     }
 
+    /// What to make of a packet whose counter leaps far ahead, or that follows one which did; None for all others.
+    fn leap(&mut self, frame: u32, step: i64, arrival: f64) -> Option<Order> {
+        let follows = |leapt: u32| (1..=LEAP).contains(&i64::from(frame.wrapping_sub(leapt) as i32));
+        if self.leapt.take().is_some_and(follows) {
+            // The counter was set elsewhere. What that skipped was never sent.
+            self.lost_before = self.lost();
+            self.start(frame, arrival);
+            return Some(Order::Restart);
+        }
+        let counted = self.arrival - self.began;
+        let rate = if counted > 0.0 { self.span as f64 / counted } else { 0.0 };
+        let silence = arrival - self.arrival;
+        let likely = if step > 0 { step as f64 <= PACE * rate * silence } else { silence > PAUSE };
+        if step.abs() > LEAP && !likely {
+            self.leapt = Some(frame);
+            return Some(Order::Late);
+        }
+        None
+    }
+
     fn start(&mut self, frame: u32, arrival: f64) {
         self.remembered.clear();
         self.remember(frame);
+        self.began = arrival;
         (self.newest, self.arrival, self.behind) = (Some(frame), arrival, Behind::default());
         (self.step, self.span, self.came) = (0, 0, 1);
     }
@@ -262,11 +291,40 @@ mod tests {
     #[test]
     fn the_counter_goes_on_over_32_bits_and_a_restart_is_seen() {
         let mut counter = FrameCounter::default();
-        let orders: Vec<Order> = [u32::MAX - 1, u32::MAX, 0, 2, 1_000_000].into_iter().map(|frame| counter.add(frame, 0.0)).collect();
-        assert_eq!((orders, counter.lost()), (vec![New; 5], 1 + 999_997));
-        assert_eq!(counter.add(5, 0.0), Restart);
-        assert_eq!(counter.add(6, 0.0), New);
-        assert_eq!(counter.lost(), 1 + 999_997);
+        let orders: Vec<Order> = [u32::MAX - 1, u32::MAX, 0, 2].into_iter().map(|frame| counter.add(frame, 0.0)).collect();
+        assert_eq!((orders, counter.lost()), (vec![New; 4], 1));
+        // Set ahead, and set back.
+        let orders: Vec<Order> = [1_000_000, 1_000_001, 1_000_002, 5, 6, 7].into_iter().map(|frame| counter.add(frame, 0.0)).collect();
+        assert_eq!((orders, counter.lost()), (vec![Late, Restart, New, Late, Restart, New], 1));
+    }
+
+    /// Whatever number one datagram bears, and wherever among the others it comes.
+    #[test]
+    fn one_far_counter_makes_no_losses() {
+        for far in [4_000_000_000, 2_000_000_000, 1_000_000, 0, u32::MAX, 3_100] {
+            for at in [0, 1, 2, 50, 99] {
+                let mut meter = StreamMeter::default();
+                for k in 0..100u32 {
+                    let time = f64::from(k) / 60.0;
+                    if k == at {
+                        meter.add(&packet(far, time), time);
+                    }
+                    meter.add(&packet(2000 + k, time), time);
+                }
+                let figures = meter.figures(100.0 / 60.0);
+                assert!(figures.lost == 0 && figures.restarts <= 1, "{far} before packet {at}: {figures:?}");
+            }
+        }
+    }
+
+    /// A cable that is pulled for a minute: all frames of that minute are lost.
+    #[test]
+    fn a_long_silence_of_a_counter_that_went_on_is_a_loss() {
+        let mut counter = FrameCounter::default();
+        for k in (0..100).chain(3700..3800) {
+            assert_eq!(counter.add(k, f64::from(k) / 60.0), New, "frame {k}");
+        }
+        assert_eq!(counter.lost(), 3600);
     }
 
     /// A take that is sent again, or a measurement that is started again: after a while, at once, and one so short that all its counters are remembered.

@@ -20,6 +20,7 @@ use crate::dtrack::{MAX_DATAGRAM, Packet, PacketError};
 use crate::error::{Error, Result};
 use crate::hands::TrackerClock;
 use flate2::read::GzDecoder;
+use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::Path;
@@ -35,7 +36,7 @@ pub(crate) const LONGEST: f64 = 1e6;
 const USUAL_PERIOD: f64 = 1.0 / 60.0;
 
 /// A packet of a take.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TakePacket {
     /// s; 0 is the start of the take.
     pub arrival: f64,
@@ -54,7 +55,7 @@ impl TakePacket {
 }
 
 /// A recording of a tracker.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Take {
     /// In order of arrival.
     pub packets: Vec<TakePacket>,
@@ -128,6 +129,27 @@ impl Take {
         }
         take.put_in_time(&stamps);
         take
+    }
+
+    /// Refuses what no file of a take is read as.
+    ///
+    /// # Errors
+    /// [`Error::InvalidValue`] for arrivals that are not finite or out of order, and for packets that are none.
+    pub fn check(&self) -> Result<()> {
+        let mut last = 0.0;
+        for (k, packet) in self.packets.iter().enumerate() {
+            if !(last..f64::INFINITY).contains(&packet.arrival) {
+                return Err(Error::value(
+                    "arrivals",
+                    "finite numbers in order (s)",
+                    format!("{} after {last}", packet.arrival),
+                    "sort them",
+                ));
+            }
+            last = packet.arrival;
+            packet.parse().map_err(|why| Error::value(format!("packet {k}"), "a DTrack packet", why, "leave it out"))?;
+        }
+        Ok(())
     }
 
     fn keep(&mut self, bytes: &[u8], arrival: Option<f64>, stamps: &mut Vec<Option<f64>>) {

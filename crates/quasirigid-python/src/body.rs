@@ -1,71 +1,43 @@
 //! `Body`: a handle to a rigid body of a world.
 
+use crate::collider::Collider;
 use crate::conv;
 use crate::errors::{OrRaise, to_py};
+use crate::mass_properties::mass_properties;
 use crate::material::Material;
+use crate::process::SharedWorld;
+use crate::skin::{deformed_normals, deformed_points, displacements, first, material, moved_points, surface};
 use crate::surface::Surface;
-use crate::world::{World, mass_properties};
-use numpy::{PyArray1, PyArray2};
+use numpy::PyArray2;
 use pyo3::prelude::*;
-use quasirigid::body::{BodyEntry, PoseDrive, RigidBody, Skin};
+use quasirigid::body::{PoseDrive, RigidBody};
 use quasirigid::math::{Real, Vec3};
+use quasirigid::objects::Side;
 use quasirigid::{BodyHandle, Error, Result};
 
 #[doc = doc!("Body")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct Body {
-    pub(crate) world: Py<World>,
+    pub(crate) world: SharedWorld,
     pub(crate) handle: BodyHandle,
 }
 
 impl Body {
     fn read<T>(&self, py: Python<'_>, of: impl FnOnce(&RigidBody) -> T) -> PyResult<T> {
-        let world = self.world.get().lock(py);
+        let world = self.world.lock(py)?;
         world.body(self.handle).map(of).or_raise(py)
     }
 
+    /// Reads from the first collider; `None` where there is none.
+    fn of_first<T>(&self, py: Python<'_>, of: impl FnOnce(Side<'_>) -> T) -> PyResult<Option<T>> {
+        let world = self.world.lock(py)?;
+        first(&world, self.handle).map(|side| side.map(of)).or_raise(py)
+    }
+
     fn write(&self, py: Python<'_>, change: impl FnOnce(&mut RigidBody) -> Result<()>) -> PyResult<()> {
-        let mut world = self.world.get().lock(py);
+        let mut world = self.world.lock(py)?;
         world.body_mut(self.handle).and_then(change).or_raise(py)
     }
-}
-
-/// The points of a body's surface as deformed now, world.
-pub fn deformed_points(entry: &BodyEntry) -> Vec<Vec3> {
-    let Some(skin) = &entry.skin else { return Vec::new() };
-    let pose = entry.body.link_pose(entry.skin_link);
-    let mut points = skin.surface.in_callers_order(&skin.deformed_points());
-    points.iter_mut().for_each(|p| *p = pose.rotation * *p + pose.translation.vector);
-    points
-}
-
-/// The normals of a body's surface as deformed now, world.
-pub fn deformed_normals(entry: &BodyEntry) -> Vec<Vec3> {
-    let Some(skin) = &entry.skin else { return Vec::new() };
-    let turn = entry.body.link_pose(entry.skin_link).rotation;
-    let mut normals = skin.surface.in_callers_order(&skin.deformed_normals());
-    normals.iter_mut().for_each(|n| *n = turn * *n);
-    normals
-}
-
-/// The displaced points of a surface: index and place in the frame of its link.
-pub fn moved_points(entry: &BodyEntry) -> (Vec<u32>, Vec<Vec3>) {
-    entry.skin.as_ref().map_or_else(Default::default, Skin::moved_points)
-}
-
-/// The surface at rest, frame of its link.
-pub fn surface(entry: &BodyEntry) -> Option<Surface> {
-    entry.skin.as_ref().map(|skin| Surface { engine: skin.surface.clone() })
-}
-
-/// What the surface is made of.
-pub fn material(entry: &BodyEntry) -> Option<Material> {
-    entry.skin.as_ref().map(|skin| Material { engine: skin.material.clone() })
-}
-
-/// The elastic displacement of every control point, frame of the link.
-pub fn displacements(entry: &BodyEntry) -> Vec<Vec3> {
-    entry.skin.as_ref().map_or_else(Vec::new, |skin| skin.displacement.clone())
 }
 
 #[pymethods]
@@ -78,7 +50,16 @@ impl Body {
     #[doc = doc!("Body.index")]
     #[getter]
     fn index(&self, py: Python<'_>) -> PyResult<usize> {
-        self.world.get().lock(py).dense(self.handle).or_raise(py)
+        self.world.lock(py)?.dense(self.handle).or_raise(py)
+    }
+
+    #[doc = doc!("Body.colliders")]
+    #[getter]
+    fn colliders(this: &Bound<'_, Self>) -> PyResult<Vec<Collider>> {
+        let (py, body) = (this.py(), this.get());
+        let handles = body.world.lock(py)?.colliders_of(body.handle).or_raise(py)?;
+        let owner = || this.clone().into_any().unbind();
+        Ok(handles.into_iter().map(|handle| Collider { world: body.world.clone(), handle, owner: owner(), finger: None }).collect())
     }
 
     #[doc = doc!("Body.mass")]
@@ -90,18 +71,18 @@ impl Body {
     #[doc = doc!("Body.surface")]
     #[getter]
     fn surface(&self, py: Python<'_>) -> PyResult<Option<Surface>> {
-        self.world.get().lock(py).entry(self.handle).map(surface).or_raise(py)
+        self.of_first(py, surface)
     }
 
     #[doc = doc!("Body.material")]
     #[getter]
     fn material(&self, py: Python<'_>) -> PyResult<Option<Material>> {
-        self.world.get().lock(py).entry(self.handle).map(material).or_raise(py)
+        self.of_first(py, material)
     }
 
     #[setter]
     fn set_material(&self, py: Python<'_>, value: &Material) -> PyResult<()> {
-        self.world.get().lock(py).set_material(self.handle, &value.engine).or_raise(py)
+        self.world.lock(py)?.set_material(self.handle, &value.engine).or_raise(py)
     }
 
     #[doc = doc!("Body.set_mass")]
@@ -111,48 +92,48 @@ impl Body {
             to_py(py, &Error::value("mass", "a body with a surface", "one without", "give MassProperties when it is added"))
         })?;
         let mass = mass_properties(Some(mass), &surface.engine, py)?;
-        self.world.get().lock(py).set_mass(self.handle, mass).or_raise(py)
+        self.world.lock(py)?.set_mass(self.handle, mass).or_raise(py)
     }
 
     #[doc = doc!("Body.quarantined")]
     #[getter]
     fn quarantined(&self, py: Python<'_>) -> PyResult<bool> {
-        self.world.get().lock(py).entry(self.handle).map(|entry| entry.quarantined).or_raise(py)
+        self.world.lock(py)?.entry(self.handle).map(|entry| entry.quarantined).or_raise(py)
     }
 
     #[doc = doc!("Body.position")]
     #[getter]
-    fn position<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
+    fn position<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let position = self.read(py, |body| body.pose().translation.vector)?;
-        Ok(conv::from_vec3(py, &position))
+        conv::state("Body.position", conv::from_vec3(py, &position))
     }
 
     #[doc = doc!("Body.quaternion")]
     #[getter]
-    fn quaternion<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
+    fn quaternion<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let rotation = self.read(py, |body| body.pose().rotation)?;
-        Ok(conv::from_rot(py, &rotation))
+        conv::state("Body.quaternion", conv::from_rot(py, &rotation))
     }
 
     #[doc = doc!("Body.centre_of_mass")]
     #[getter]
-    fn centre_of_mass<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
+    fn centre_of_mass<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let centre = self.read(py, RigidBody::center_of_mass)?;
-        Ok(conv::from_vec3(py, &centre))
+        conv::state("Body.centre_of_mass", conv::from_vec3(py, &centre))
     }
 
     #[doc = doc!("Body.linear_velocity")]
     #[getter]
-    fn linear_velocity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
+    fn linear_velocity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let velocity = self.read(py, |body| *body.linear_velocity())?;
-        Ok(conv::from_vec3(py, &velocity))
+        conv::state("Body.linear_velocity", conv::from_vec3(py, &velocity))
     }
 
     #[doc = doc!("Body.angular_velocity")]
     #[getter]
-    fn angular_velocity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
+    fn angular_velocity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let velocity = self.read(py, RigidBody::angular_velocity)?;
-        Ok(conv::from_vec3(py, &velocity))
+        conv::state("Body.angular_velocity", conv::from_vec3(py, &velocity))
     }
 
     #[doc = doc!("Body.set_velocity")]
@@ -189,8 +170,8 @@ impl Body {
 
     #[doc = doc!("Body.set_drive")]
     #[allow(clippy::too_many_arguments)] // keyword arguments
-    #[pyo3(signature = (position, quaternion = None, *, stiffness, damping, linear_velocity = None, angular_velocity = None),
-           text_signature = "($self, position, quaternion=None, *, stiffness, damping, linear_velocity=(0.0, 0.0, 0.0), angular_velocity=(0.0, 0.0, 0.0))")]
+    #[pyo3(signature = (position, quaternion = None, *, stiffness, damping, linear_velocity = None, angular_velocity = None, max_pull = None, max_speed = None),
+           text_signature = "($self, position, quaternion=None, *, stiffness, damping, linear_velocity=(0.0, 0.0, 0.0), angular_velocity=(0.0, 0.0, 0.0), max_pull=None, max_speed=None)")]
     fn set_drive(
         &self,
         py: Python<'_>,
@@ -200,6 +181,8 @@ impl Body {
         damping: &Bound<'_, PyAny>,
         linear_velocity: Option<&Bound<'_, PyAny>>,
         angular_velocity: Option<&Bound<'_, PyAny>>,
+        max_pull: Option<&Bound<'_, PyAny>>,
+        max_speed: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
         let current = self.read(py, |body| body.pose().rotation)?;
         let target = conv::pose(position, quaternion, &current)?;
@@ -208,6 +191,11 @@ impl Body {
         for (rows, value, what) in [(0, linear_velocity, "linear_velocity"), (3, angular_velocity, "angular_velocity")] {
             if let Some(value) = value {
                 drive.target_velocity.fixed_rows_mut::<3>(rows).copy_from(&conv::vec3(value, what)?);
+            }
+        }
+        for (limit, value, what) in [(&mut drive.max_pull, max_pull, "max_pull"), (&mut drive.max_speed, max_speed, "max_speed")] {
+            if let Some(value) = value {
+                *limit = conv::pair(value, what)?.into();
             }
         }
         self.write(py, |body| body.set_drive(Some(drive)))
@@ -220,26 +208,39 @@ impl Body {
 
     #[doc = doc!("Body.deformed_normals")]
     fn deformed_normals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
-        let normals = self.world.get().lock(py).entry(self.handle).map(deformed_normals).or_raise(py)?;
+        let normals = self.of_first(py, deformed_normals)?.unwrap_or_default();
         conv::from_points(py, normals)
     }
 
     #[doc = doc!("Body.deformed_points")]
     fn deformed_points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
-        let points = self.world.get().lock(py).entry(self.handle).map(deformed_points).or_raise(py)?;
+        let points = self.of_first(py, deformed_points)?.unwrap_or_default();
         conv::from_points(py, points)
     }
 
     #[doc = doc!("Body.moved_points")]
     fn moved_points<'py>(&self, py: Python<'py>) -> PyResult<conv::Numbered<'py>> {
-        let moved = self.world.get().lock(py).entry(self.handle).map(moved_points).or_raise(py)?;
+        let moved = self.of_first(py, moved_points)?.unwrap_or_default();
         conv::from_numbered(py, moved)
     }
 
     #[doc = doc!("Body.displacements")]
     fn displacements<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
-        let values = self.world.get().lock(py).entry(self.handle).map(displacements).or_raise(py)?;
+        let values = self.of_first(py, displacements)?.unwrap_or_default();
         conv::from_points(py, values)
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        self.handle == other.handle
+    }
+
+    // The usual one asks for the truth of what `==` says, and an array that is compared with has none.
+    fn __ne__(&self, other: &Self) -> bool {
+        self.handle != other.handle
+    }
+
+    fn __hash__(&self) -> u64 {
+        crate::value::hash_of(&self.handle)
     }
 
     fn __repr__(&self, py: Python<'_>) -> String {

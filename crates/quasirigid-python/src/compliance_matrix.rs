@@ -2,6 +2,7 @@
 
 use crate::conv;
 use crate::errors::OrRaise;
+use crate::value::{Value, from_cbor, to_cbor, value};
 use numpy::PyArray2;
 use pyo3::prelude::*;
 use quasirigid::math::Real;
@@ -45,3 +46,27 @@ impl ComplianceMatrix {
         format!("ComplianceMatrix({} control points, asymmetry {:.1e})", self.engine.control_points(), self.engine.asymmetry())
     }
 }
+
+impl Value for ComplianceMatrix {
+    const NAME: &'static str = "ComplianceMatrix";
+
+    fn same(&self, other: &Self) -> bool {
+        self.engine == other.engine
+    }
+
+    fn digest(&self) -> Vec<Real> {
+        let n = self.engine.control_points();
+        let first_row = (0..n).map(|j| self.engine.block(0, j)[(0, 0)]);
+        std::iter::once(n as Real).chain(first_row).collect()
+    }
+
+    fn write(&self) -> Result<Vec<u8>, String> {
+        to_cbor(&*self.engine)
+    }
+
+    fn read(bytes: &[u8]) -> Result<Self, String> {
+        from_cbor(bytes).map(|engine| Self { engine: Arc::new(engine) })
+    }
+}
+
+value!(ComplianceMatrix);

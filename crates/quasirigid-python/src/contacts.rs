@@ -3,8 +3,7 @@
 use crate::conv;
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
-use quasirigid::collision::Contact;
-use quasirigid::gauss_seidel::Delassus;
+use quasirigid::delassus::Delassus;
 use quasirigid::math::{Mat3, Real, Vec3};
 
 #[doc = doc!("ContactStatus")]
@@ -37,6 +36,10 @@ pub struct Contacts {
     status: Vec<u8>,
     body_a: Vec<u32>,
     body_b: Vec<u32>,
+    link_a: Vec<u32>,
+    link_b: Vec<u32>,
+    collider_a: Vec<u32>,
+    collider_b: Vec<u32>,
     control_point: Vec<u32>,
 }
 
@@ -46,17 +49,23 @@ impl Contacts {
         let (contacts, problem) = (world.contacts(), world.contact_problem());
         // Row i of delta = W f + delta_free: the gap at the end of the step.
         let gap = |i: usize| problem.delta_free[i].x + problem.w.displacement(i).x;
+        let places = world.body_places();
+        let place = |slot: u32| places[slot as usize];
         Self {
             points: contacts.iter().map(|c| c.point).collect(),
-            frames: contacts.iter().map(Contact::unit_frame).collect(),
+            frames: contacts.iter().map(|c| c.frame).collect(),
             gaps: (0..problem.len()).map(gap).collect(),
-            reactions: contacts.iter().zip(&problem.reactions).map(|(c, f)| Vec3::new(f.x, f.y, f.z * c.stretch())).collect(),
+            reactions: problem.reactions.clone(),
             areas: contacts.iter().map(|c| c.area).collect(),
             friction: problem.mu.clone(),
-            friction_ratio: contacts.iter().map(Contact::stretch).collect(),
+            friction_ratio: contacts.iter().map(|c| c.friction_ratio).collect(),
             status: problem.status.iter().map(|&s| s as u8).collect(),
-            body_a: contacts.iter().map(|c| c.body_a).collect(),
-            body_b: contacts.iter().map(|c| c.body_b).collect(),
+            body_a: contacts.iter().map(|c| place(c.body_a)).collect(),
+            body_b: contacts.iter().map(|c| place(c.body_b)).collect(),
+            link_a: contacts.iter().map(|c| c.link_a).collect(),
+            link_b: contacts.iter().map(|c| c.link_b).collect(),
+            collider_a: contacts.iter().map(|c| c.collider_a).collect(),
+            collider_b: contacts.iter().map(|c| c.collider_b).collect(),
             control_point: contacts.iter().map(|c| c.control_point).collect(),
         }
     }
@@ -140,6 +149,30 @@ impl Contacts {
     #[getter]
     fn body_b<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
         conv::from_vec(py, self.body_b.clone())
+    }
+
+    #[doc = doc!("Contacts.link_a")]
+    #[getter]
+    fn link_a<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+        conv::from_vec(py, self.link_a.clone())
+    }
+
+    #[doc = doc!("Contacts.link_b")]
+    #[getter]
+    fn link_b<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+        conv::from_vec(py, self.link_b.clone())
+    }
+
+    #[doc = doc!("Contacts.collider_a")]
+    #[getter]
+    fn collider_a<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+        conv::from_vec(py, self.collider_a.clone())
+    }
+
+    #[doc = doc!("Contacts.collider_b")]
+    #[getter]
+    fn collider_b<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+        conv::from_vec(py, self.collider_b.clone())
     }
 
     #[doc = doc!("Contacts.control_point")]

@@ -5,20 +5,29 @@
 
 use crate::errors::{OrRaise, to_py};
 use nalgebra as na;
+use numpy::ndarray as nd;
 use numpy::{
-    AllowTypeChange, Element, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayDescrMethods, PyArrayLikeDyn, PyArrayMethods,
+    AllowTypeChange, Element, IntoPyArray, PyArray, PyArray1, PyArray2, PyArray3, PyArrayDescrMethods, PyArrayLikeDyn, PyArrayMethods,
     PyUntypedArray, PyUntypedArrayMethods,
 };
-use pyo3::exceptions::PyOverflowError;
+use pyo3::exceptions::{PyOverflowError, PyTypeError, PyValueError};
+use pyo3::intern;
 use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyDict, PyFloat, PyInt, PyList, PyTuple, PyType};
 use quasirigid::Error;
 use quasirigid::math::{Mat3, Pose, Real, Rot, Vec3};
+use std::path::PathBuf;
 
-/// The numbers of an array-like in C order, and its shape.
-fn numbers(value: &Bound<'_, PyAny>, what: &str, shape: &str) -> PyResult<(Vec<Real>, Vec<usize>)> {
+/// An array-like as an array of real numbers, of whatever shape; `shape` is for the error.
+pub fn real_array<'py>(value: &Bound<'py, PyAny>, what: &str, shape: &str) -> PyResult<PyArrayLikeDyn<'py, Real, AllowTypeChange>> {
     let py = value.py();
     let got = |value: &Bound<'_, PyAny>| value.get_type().name().map_or_else(|_| "something else".into(), |name| name.to_string());
     let refuse = |got: String| to_py(py, &Error::shape(what, format!("numbers of shape {shape}"), got, "give an array of real numbers"));
+    if holds_masked(value, 0)? {
+        let hint = "fill the masked entries, array.filled(0.0), or leave them out, array.compressed()";
+        return Err(to_py(py, &Error::value(what, format!("numbers of shape {shape}, all of them known"), "a masked array", hint)));
+    }
     // To real numbers NumPy would also make texts, dates and complex numbers, without a word.
     let plain = py.import("numpy")?.call_method1("asarray", (value,)).map_err(|_| refuse(got(value)))?;
     let plain = plain.cast::<PyUntypedArray>()?;
@@ -27,7 +36,33 @@ fn numbers(value: &Bound<'_, PyAny>, what: &str, shape: &str) -> PyResult<(Vec<R
         (_, 0) => return Err(refuse(got(value))),
         _ => return Err(refuse(format!("{} of {}", got(value), plain.dtype()))),
     }
-    let array: PyArrayLikeDyn<'_, Real, AllowTypeChange> = plain.extract().map_err(|_| refuse(got(value)))?;
+    plain.extract().map_err(|_| refuse(got(value)))
+}
+
+/// NumPy's arrays have no more dimensions. Deeper lists, such as one that holds itself, are refused by NumPy.
+const DEEPEST: usize = 64;
+
+/// Whether an array-like is a masked array, or has one in its lists: NumPy would take the numbers under the masks without a word.
+fn holds_masked(value: &Bound<'_, PyAny>, depth: usize) -> PyResult<bool> {
+    static MASKED: PyOnceLock<Py<PyType>> = PyOnceLock::new();
+    if value.is_exact_instance_of::<PyFloat>() || value.is_exact_instance_of::<PyInt>() || depth > DEEPEST {
+        return Ok(false);
+    }
+    if value.is_instance_of::<PyList>() || value.is_instance_of::<PyTuple>() {
+        for item in value.try_iter()? {
+            if holds_masked(&item?, depth + 1)? {
+                return Ok(true);
+            }
+        }
+        return Ok(false);
+    }
+    value.is_instance(MASKED.import(value.py(), "numpy.ma", "MaskedArray")?)
+}
+
+/// The numbers of an array-like in C order, and its shape.
+fn numbers(value: &Bound<'_, PyAny>, what: &str, shape: &str) -> PyResult<(Vec<Real>, Vec<usize>)> {
+    let py = value.py();
+    let array = real_array(value, what, shape)?;
     let numbers: Vec<Real> = array.as_array().iter().copied().collect();
     quasirigid::error::check_finite(what, &numbers).or_raise(py)?;
     Ok((numbers, array.shape().to_vec()))
@@ -108,6 +143,57 @@ pub fn pose(position: &Bound<'_, PyAny>, turn: Option<&Bound<'_, PyAny>>, curren
     Ok(Pose::from_parts(vec3(position, "position")?.into(), rotation))
 }
 
+/// A number from Python. One that is too large for a double is an error of its value, and what turns out to be no number, such as an array of text, one of its type.
+pub fn real(value: &Bound<'_, PyAny>) -> PyResult<Real> {
+    let py = value.py();
+    value.extract().map_err(|error: PyErr| {
+        if error.is_instance_of::<PyOverflowError>(py) {
+            return to_py(
+                py,
+                &Error::value("number", "one that a double holds, below 1.8e308", "one of very many digits", "check its unit"),
+            );
+        }
+        if error.is_instance_of::<PyValueError>(py) {
+            let name = value.get_type().name().map_or_else(|_| "something else".into(), |name| name.to_string());
+            return PyTypeError::new_err(format!("must be real number, not {name}: {error}"));
+        }
+        error
+    })
+}
+
+/// The same, or None.
+pub fn optional_real(value: &Bound<'_, PyAny>) -> PyResult<Option<Real>> {
+    if value.is_none() { Ok(None) } else { real(value).map(Some) }
+}
+
+/// The error for a text that is none: half of a pair of UTF-16, say, which Python has in its strings where file names were spoilt.
+fn no_text(py: Python<'_>, error: PyErr) -> PyErr {
+    if !error.is_instance_of::<PyValueError>(py) {
+        return error;
+    }
+    to_py(py, &Error::value("text", "characters of Unicode", error, "leave out what is no character"))
+}
+
+/// A text from Python.
+pub fn text<'a>(value: &'a Bound<'_, PyAny>) -> PyResult<&'a str> {
+    value.extract().map_err(|error: PyErr| no_text(value.py(), error))
+}
+
+/// The same, or None.
+pub fn optional_text<'a>(value: &'a Bound<'_, PyAny>) -> PyResult<Option<&'a str>> {
+    if value.is_none() { Ok(None) } else { text(value).map(Some) }
+}
+
+/// Texts from Python.
+pub fn texts(value: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
+    value.extract().map_err(|error| no_text(value.py(), error))
+}
+
+/// A path from Python.
+pub fn path(value: &Bound<'_, PyAny>) -> PyResult<PathBuf> {
+    value.extract().map_err(|error| no_text(value.py(), error))
+}
+
 /// A whole number from Python, of whatever size: what is beyond 64 bits is kept as text, for the error that speaks of it.
 pub struct Whole(std::result::Result<i64, String>);
 
@@ -134,8 +220,15 @@ impl<'py> FromPyObject<'_, 'py> for Whole {
 
 /// A count from Python, where a negative number is possible.
 pub fn count(py: Python<'_>, what: &str, value: Whole) -> PyResult<usize> {
-    let refuse = |got: String| to_py(py, &Error::value(what, "a whole number >= 0 that a machine can count to", got, "give a count"));
-    value.0.and_then(|number| usize::try_from(number).map_err(|_| number.to_string())).map_err(refuse)
+    count_from(py, what, value, 0)
+}
+
+/// A count from Python of at least `least`: what is less is refused by one message, be it 0 or negative.
+pub fn count_from(py: Python<'_>, what: &str, value: Whole, least: usize) -> PyResult<usize> {
+    let expected = format!("a whole number >= {least} that a machine can count to");
+    let refuse = |got: String| to_py(py, &Error::value(what, expected, got, "give a count"));
+    let counted = value.0.and_then(|number| usize::try_from(number).ok().filter(|&n| n >= least).ok_or_else(|| number.to_string()));
+    counted.map_err(refuse)
 }
 
 /// A whole number from Python within `low` and `high`, where the type of the engine holds no others.
@@ -195,4 +288,21 @@ pub fn from_matrices<'py>(py: Python<'py>, matrices: impl IntoIterator<Item = Ma
     let values: Vec<Real> = matrices.into_iter().flat_map(|m| m.transpose().as_slice().to_vec()).collect();
     let n = values.len() / 9;
     values.into_pyarray(py).reshape([n, 3, 3])
+}
+
+/// A copy of the state of `property`, a name such as `Body.position`, that cannot be changed in place: what wrote into it would wait in vain for the world to notice.
+///
+/// The classes, with the texts of their refusals, are in `quasirigid.arrays.read_only`.
+pub fn state<'py, D>(property: &str, array: Bound<'py, PyArray<Real, D>>) -> PyResult<Bound<'py, PyAny>>
+where
+    D: nd::Dimension,
+{
+    static CLASSES: PyOnceLock<Py<PyDict>> = PyOnceLock::new();
+    let py = array.py();
+    let classes = CLASSES.get_or_try_init(py, || -> PyResult<Py<PyDict>> {
+        Ok(py.import("quasirigid.arrays.read_only")?.getattr("CLASSES")?.cast_into::<PyDict>()?.unbind())
+    })?;
+    let class = classes.bind(py).get_item(property)?;
+    array.readwrite().make_nonwriteable();
+    array.call_method1(intern!(py, "view"), (class,))
 }

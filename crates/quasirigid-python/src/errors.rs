@@ -11,6 +11,7 @@ pub fn to_py(py: Python<'_>, error: &Error) -> PyErr {
         Error::DegenerateSurface { what, expected, got, hint } => ("DegenerateSurfaceError", what, expected, got, hint),
         Error::UnknownName { what, expected, got, hint } => ("UnknownNameError", what, expected, got, hint),
         Error::InvalidHandle { what, expected, got, hint } => ("InvalidHandleError", what, expected, got, hint),
+        Error::InvalidSnapshot { what, expected, got, hint } => ("SnapshotError", what, expected, got, hint),
         other => return pyo3::exceptions::PyRuntimeError::new_err(other.to_string()),
     };
     make(py, class, [what, expected, got, hint])

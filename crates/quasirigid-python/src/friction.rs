@@ -1,22 +1,18 @@
-//! `Friction`, and whom an entry of a world's friction table is about.
+//! `Friction`, and the rules by which two materials make that of their pair.
 
-use crate::body::Body;
 use crate::conv;
 use crate::errors::{OrRaise, to_py};
-use crate::hand::Hand;
-use crate::material::Material;
-use crate::world::World;
-use numpy::PyArray1;
+use crate::value::{Value, from_cbor, to_cbor, value};
 use pyo3::prelude::*;
-use quasirigid::body::FrictionRule;
-use quasirigid::body::friction::USUAL_STRIBECK_VELOCITY;
+use quasirigid::Error;
+use quasirigid::collider::FrictionRule;
+use quasirigid::collider::friction::USUAL_STRIBECK_VELOCITY;
 use quasirigid::math::Real;
-use quasirigid::{Error, FrictionSide};
 
 #[doc = doc!("Friction")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct Friction {
-    pub(crate) engine: quasirigid::body::Friction,
+    pub(crate) engine: quasirigid::collider::Friction,
 }
 
 #[pymethods]
@@ -27,20 +23,20 @@ impl Friction {
            text_signature = "(static, kinetic=None, *, stribeck_velocity=1e-3, viscous=0.0, direction=None, ratio=None)")]
     fn new(
         py: Python<'_>,
-        r#static: Real,
-        kinetic: Option<Real>,
-        stribeck_velocity: Real,
-        viscous: Real,
+        #[pyo3(from_py_with = conv::real)] r#static: Real,
+        #[pyo3(from_py_with = conv::optional_real)] kinetic: Option<Real>,
+        #[pyo3(from_py_with = conv::real)] stribeck_velocity: Real,
+        #[pyo3(from_py_with = conv::real)] viscous: Real,
         direction: Option<&Bound<'_, PyAny>>,
-        ratio: Option<Real>,
+        #[pyo3(from_py_with = conv::optional_real)] ratio: Option<Real>,
     ) -> PyResult<Self> {
-        let engine = quasirigid::body::Friction::coulomb(r#static)
+        let engine = quasirigid::collider::Friction::coulomb(r#static)
             .and_then(|friction| friction.with_kinetic(kinetic.unwrap_or(r#static), stribeck_velocity))
             .and_then(|friction| friction.with_viscous(viscous))
             .or_raise(py)?;
         let engine = match (direction, ratio) {
             (None, None) => engine,
-            (Some(direction), Some(ratio)) => engine.with_grain(conv::vec3(direction, "direction")?, ratio).or_raise(py)?,
+            (Some(direction), Some(ratio)) => engine.with_anisotropy(conv::vec3(direction, "direction")?, ratio).or_raise(py)?,
             (direction, _) => {
                 let got = if direction.is_some() { "direction alone" } else { "ratio alone" };
                 let hint = "the coefficients hold along the direction, and are ratio times as large across it";
@@ -74,45 +70,41 @@ impl Friction {
 
     #[doc = doc!("Friction.direction")]
     #[getter]
-    fn direction<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<Real>>> {
-        self.engine.grain.map(|grain| conv::from_vec3(py, &grain.direction))
+    fn direction<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        self.engine.anisotropy.map(|anisotropy| conv::state("Friction.direction", conv::from_vec3(py, &anisotropy.direction))).transpose()
     }
 
     #[doc = doc!("Friction.ratio")]
     #[getter]
     fn ratio(&self) -> Real {
-        self.engine.grain.map_or(1.0, |grain| grain.ratio)
+        self.engine.anisotropy.map_or(1.0, |anisotropy| anisotropy.ratio)
     }
 
     #[doc = doc!("Friction.coefficient")]
-    fn coefficient(&self, py: Python<'_>, speed: Real) -> PyResult<Real> {
+    fn coefficient(&self, py: Python<'_>, #[pyo3(from_py_with = conv::real)] speed: Real) -> PyResult<Real> {
         quasirigid::error::check_non_negative("speed", speed, "m/s").or_raise(py)?;
         Ok(self.engine.coefficient(speed))
-    }
-
-    fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
-        other.cast::<Self>().is_ok_and(|other| other.get().engine == self.engine)
     }
 
     fn __repr__(&self) -> String {
         let f = &self.engine;
         let mut text = format!("Friction({}", f.static_coefficient);
-        if f.falls() {
+        if f.is_velocity_weakening() {
             text += &format!(", {}, stribeck_velocity={}", f.kinetic_coefficient, f.stribeck_velocity);
         }
         if f.viscous_coefficient > 0.0 {
             text += &format!(", viscous={}", f.viscous_coefficient);
         }
-        if let Some(grain) = &f.grain {
-            let d = &grain.direction;
-            text += &format!(", direction=({}, {}, {}), ratio={}", d.x, d.y, d.z, grain.ratio);
+        if let Some(anisotropy) = &f.anisotropy {
+            let d = &anisotropy.direction;
+            text += &format!(", direction=({}, {}, {}), ratio={}", d.x, d.y, d.z, anisotropy.ratio);
         }
         text + ")"
     }
 }
 
 /// A coefficient or a `Friction`.
-pub fn friction(value: &Bound<'_, PyAny>) -> PyResult<quasirigid::body::Friction> {
+pub fn friction(value: &Bound<'_, PyAny>) -> PyResult<quasirigid::collider::Friction> {
     if let Ok(friction) = value.cast::<Friction>() {
         return Ok(friction.get().engine);
     }
@@ -120,7 +112,7 @@ pub fn friction(value: &Bound<'_, PyAny>) -> PyResult<quasirigid::body::Friction
     let coefficient: Real = value.extract().map_err(|_| {
         to_py(py, &Error::value("friction", "a coefficient or a Friction", value.get_type(), "for example 0.5, or Friction(0.5, 0.4)"))
     })?;
-    quasirigid::body::Friction::coulomb(coefficient).or_raise(py)
+    quasirigid::collider::Friction::coulomb(coefficient).or_raise(py)
 }
 
 /// Names of the rules, as in `World.friction_rule`.
@@ -145,26 +137,27 @@ pub fn rule_name(rule: FrictionRule) -> &'static str {
     RULES.iter().find(|(_, known)| *known == rule).map_or("", |(name, _)| *name)
 }
 
-/// Whom `value` stands for: a material (or its name), a body, or the fingers of a hand, of the world `of` whose engine is `world`.
-pub fn sides(of: &Bound<'_, World>, world: &quasirigid::World, value: &Bound<'_, PyAny>) -> PyResult<Vec<FrictionSide>> {
-    let py = value.py();
-    let elsewhere =
-        || to_py(py, &Error::handle("set_friction", "a body of this world", "one of another", "ask the world that it was added to"));
-    if let Ok(material) = value.cast::<Material>() {
-        return Ok(vec![(&material.get().engine).into()]);
+impl Value for Friction {
+    const NAME: &'static str = "Friction";
+
+    fn same(&self, other: &Self) -> bool {
+        self.engine == other.engine
     }
-    if let Ok(body) = value.cast::<Body>() {
-        return if body.get().world.is(of) { Ok(vec![body.get().handle.into()]) } else { Err(elsewhere()) };
+
+    fn digest(&self) -> Vec<Real> {
+        let f = &self.engine;
+        vec![f.static_coefficient, f.kinetic_coefficient, f.stribeck_velocity, f.viscous_coefficient, self.ratio()]
     }
-    if let Ok(hand) = value.cast::<Hand>() {
-        if !hand.get().world.is(of) {
-            return Err(elsewhere());
-        }
-        return Ok(world.hand(hand.get().handle).or_raise(py)?.fingers.iter().map(|&finger| finger.into()).collect());
+
+    fn write(&self) -> Result<Vec<u8>, String> {
+        to_cbor(&self.engine)
     }
-    if let Ok(name) = value.extract::<String>() {
-        return Ok(vec![name.as_str().into()]);
+
+    fn read(bytes: &[u8]) -> Result<Self, String> {
+        let engine: quasirigid::collider::Friction = from_cbor(bytes)?;
+        engine.check().map_err(|error| error.to_string())?;
+        Ok(Self { engine })
     }
-    let hint = "name the two sides of the pair";
-    Err(to_py(py, &Error::handle("set_friction", "a Material, the name of one, a Body or a Hand", value.get_type(), hint)))
 }
+
+value!(Friction);

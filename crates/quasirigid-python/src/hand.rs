@@ -1,18 +1,20 @@
 //! `Hand`: a handle to a hand of a world.
 
-use crate::body::{deformed_normals, deformed_points, displacements, material, moved_points, surface};
+use crate::collider::Collider;
 use crate::conv;
 use crate::errors::{OrRaise, to_py};
 use crate::grip::Grip;
 use crate::material::Material;
+use crate::process::SharedWorld;
+use crate::skin::{deformed_normals, deformed_points, displacements, first, material, moved_points, surface};
 use crate::surface::Surface;
-use crate::world::World;
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
-use quasirigid::body::inverse_kinematics::{IkOptions, IkSolution, TipGoal, inverse_kinematics};
-use quasirigid::body::{BodyEntry, Finger};
-use quasirigid::grip::PadPath;
+use quasirigid::body::Finger;
+use quasirigid::control::grip::PadPath;
+use quasirigid::control::inverse_kinematics::{IkOptions, IkSolution, TipGoal, inverse_kinematics};
 use quasirigid::math::{Pose, Real, Vec3};
+use quasirigid::objects::Side;
 use quasirigid::{Error, HandHandle, Result};
 
 /// More iterations of inverse kinematics than this help nobody, and cannot be broken off.
@@ -27,13 +29,13 @@ type Postures<'py> = (Bound<'py, PyArray2<Real>>, Bound<'py, PyArray1<Real>>);
 #[doc = doc!("Hand")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct Hand {
-    pub(crate) world: Py<World>,
+    pub(crate) world: SharedWorld,
     pub(crate) handle: HandHandle,
 }
 
 impl Hand {
     fn read<T>(&self, py: Python<'_>, of: impl FnOnce(&quasirigid::World, &quasirigid::world::Hand) -> Result<T>) -> PyResult<T> {
-        let world = self.world.get().lock(py);
+        let world = self.world.lock(py)?;
         world.hand(self.handle).and_then(|hand| of(&world, hand)).or_raise(py)
     }
 
@@ -60,7 +62,7 @@ impl Hand {
         let py = value.py();
         let (fingers, joints) = self.read(py, |_, hand| Ok((hand.fingers.len(), hand.model.fingers()[0].dof())))?;
         let rows = conv::table(value, what, fingers, joints)?;
-        let mut world = self.world.get().lock(py);
+        let mut world = self.world.lock(py)?;
         // All rows are looked at before the first is set: a refused table changes nothing.
         for (finger, row) in rows.chunks_exact(joints).enumerate() {
             world.finger(self.handle, finger).and_then(|f| check(f, row)).or_raise(py)?;
@@ -84,9 +86,10 @@ impl Hand {
         inverse_kinematics(world.finger(self.handle, finger)?.model(), &hand.model.tips()[finger].apex(), goal, start, options)
     }
 
-    fn entry<T>(&self, py: Python<'_>, finger: conv::Whole, of: impl FnOnce(&BodyEntry) -> T) -> PyResult<T> {
+    /// Reads from the first collider of a finger; `None` where there is none.
+    fn of_first<T>(&self, py: Python<'_>, finger: conv::Whole, of: impl FnOnce(Side<'_>) -> T) -> PyResult<Option<T>> {
         let finger = conv::count(py, "finger", finger)?;
-        self.read(py, |world, _| world.entry(world.finger_handle(self.handle, finger)?).map(of))
+        self.read(py, |world, _| Ok(first(world, world.finger_handle(self.handle, finger)?)?.map(of)))
     }
 }
 
@@ -99,16 +102,16 @@ impl Hand {
 
     #[doc = doc!("Hand.position")]
     #[getter]
-    fn position<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
+    fn position<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let base = self.read(py, |_, hand| Ok(hand.base))?;
-        Ok(conv::from_vec3(py, &base.translation.vector))
+        conv::state("Hand.position", conv::from_vec3(py, &base.translation.vector))
     }
 
     #[doc = doc!("Hand.quaternion")]
     #[getter]
-    fn quaternion<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Real>>> {
+    fn quaternion<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let base = self.read(py, |_, hand| Ok(hand.base))?;
-        Ok(conv::from_rot(py, &base.rotation))
+        conv::state("Hand.quaternion", conv::from_rot(py, &base.rotation))
     }
 
     #[doc = doc!("Hand.move_to")]
@@ -116,7 +119,7 @@ impl Hand {
     fn move_to(&self, py: Python<'_>, position: &Bound<'_, PyAny>, quaternion: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let current = self.read(py, |_, hand| Ok(hand.base.rotation))?;
         let pose = conv::pose(position, quaternion, &current)?;
-        self.world.get().lock(py).move_hand_to(self.handle, pose).or_raise(py)
+        self.world.lock(py)?.move_hand_to(self.handle, pose).or_raise(py)
     }
 
     #[getter]
@@ -144,8 +147,8 @@ impl Hand {
 
     #[doc = doc!("Hand.joint_positions")]
     #[getter]
-    fn joint_positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
-        self.table(py, Finger::joint_positions)
+    fn joint_positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        conv::state("Hand.joint_positions", self.table(py, Finger::joint_positions)?)
     }
 
     #[setter]
@@ -156,14 +159,14 @@ impl Hand {
 
     #[doc = doc!("Hand.joint_velocities")]
     #[getter]
-    fn joint_velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
-        self.table(py, Finger::joint_velocities)
+    fn joint_velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        conv::state("Hand.joint_velocities", self.table(py, Finger::joint_velocities)?)
     }
 
     #[doc = doc!("Hand.joint_targets")]
     #[getter]
-    fn joint_targets<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
-        self.table(py, Finger::joint_targets)
+    fn joint_targets<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        conv::state("Hand.joint_targets", self.table(py, Finger::joint_targets)?)
     }
 
     #[setter]
@@ -174,8 +177,8 @@ impl Hand {
 
     #[doc = doc!("Hand.joint_torques")]
     #[getter]
-    fn joint_torques<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
-        self.table(py, Finger::motor_torques)
+    fn joint_torques<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        conv::state("Hand.joint_torques", self.table(py, Finger::motor_torques)?)
     }
 
     #[doc = doc!("Hand.tip_poses")]
@@ -188,9 +191,25 @@ impl Hand {
         Ok((conv::from_points(py, poses.iter().map(|p| p.translation.vector))?, conv::rows(py, turns, 4)?))
     }
 
+    #[doc = doc!("Hand.blocked_forces")]
+    fn blocked_forces<'py>(&self, joint_targets: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<Real>>> {
+        let py = joint_targets.py();
+        let (fingers, joints) = self.read(py, |_, hand| Ok((hand.fingers.len(), hand.model.fingers()[0].dof())))?;
+        let targets = conv::table(joint_targets, "joint targets", fingers, joints)?;
+        let forces: Vec<Vec3> = self.read(py, |world, hand| {
+            let rows = hand.model.tips().iter().zip(targets.chunks_exact(joints)).enumerate();
+            rows.map(|(i, (tip, row))| {
+                let (finger, last) = (world.finger(self.handle, i)?, joints - 1);
+                finger.blocked_force(last, &(finger.link_pose(last) * tip.apex()).translation.vector, row)
+            })
+            .collect()
+        })?;
+        conv::from_points(py, forces)
+    }
+
     #[doc = doc!("Hand.link_poses")]
     #[getter]
-    fn link_poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<Real>>> {
+    fn link_poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let (values, fingers, joints) = self.read(py, |world, hand| {
             let (fingers, joints) = (hand.fingers.len(), hand.model.fingers()[0].dof());
             let mut values = Vec::with_capacity(7 * fingers * joints);
@@ -203,7 +222,7 @@ impl Hand {
             }
             Ok((values, fingers, joints))
         })?;
-        values.into_pyarray(py).reshape([fingers, joints, 7])
+        conv::state("Hand.link_poses", values.into_pyarray(py).reshape([fingers, joints, 7])?)
     }
 
     #[doc = doc!("Hand.inverse_kinematics")]
@@ -241,7 +260,7 @@ impl Hand {
         position: &Bound<'_, PyAny>,
         normal: &Bound<'_, PyAny>,
         start: Option<&Bound<'_, PyAny>>,
-        angle_weight: Real,
+        #[pyo3(from_py_with = conv::real)] angle_weight: Real,
         iterations: conv::Whole,
     ) -> PyResult<(Bound<'py, PyArray1<Real>>, Real)> {
         let finger = conv::count(py, "finger", finger)?;
@@ -267,9 +286,9 @@ impl Hand {
         positions: &Bound<'_, PyAny>,
         normals: &Bound<'_, PyAny>,
         start: &Bound<'_, PyAny>,
-        angle_weight: Real,
+        #[pyo3(from_py_with = conv::real)] angle_weight: Real,
         iterations: conv::Whole,
-        step_tolerance: Real,
+        #[pyo3(from_py_with = conv::real)] step_tolerance: Real,
     ) -> PyResult<Postures<'py>> {
         let (fingers, joints) = self.read(py, |_, hand| Ok((hand.fingers.len(), hand.model.fingers()[0].dof())))?;
         let positions = conv::table(positions, "positions", fingers, 3)?;
@@ -293,43 +312,53 @@ impl Hand {
 
     #[doc = doc!("Hand.deformed_points")]
     fn deformed_points<'py>(&self, py: Python<'py>, finger: conv::Whole) -> PyResult<Bound<'py, PyArray2<Real>>> {
-        let points = self.entry(py, finger, deformed_points)?;
+        let points = self.of_first(py, finger, deformed_points)?.unwrap_or_default();
         conv::from_points(py, points)
     }
 
     #[doc = doc!("Hand.deformed_normals")]
     fn deformed_normals<'py>(&self, py: Python<'py>, finger: conv::Whole) -> PyResult<Bound<'py, PyArray2<Real>>> {
-        let normals = self.entry(py, finger, deformed_normals)?;
+        let normals = self.of_first(py, finger, deformed_normals)?.unwrap_or_default();
         conv::from_points(py, normals)
     }
 
     #[doc = doc!("Hand.moved_points")]
     fn moved_points<'py>(&self, py: Python<'py>, finger: conv::Whole) -> PyResult<conv::Numbered<'py>> {
-        let moved = self.entry(py, finger, moved_points)?;
+        let moved = self.of_first(py, finger, moved_points)?.unwrap_or_default();
         conv::from_numbered(py, moved)
     }
 
     #[doc = doc!("Hand.surface")]
     fn surface(&self, py: Python<'_>, finger: conv::Whole) -> PyResult<Option<Surface>> {
-        self.entry(py, finger, surface)
+        self.of_first(py, finger, surface)
+    }
+
+    #[doc = doc!("Hand.colliders")]
+    fn colliders(this: &Bound<'_, Self>, finger: conv::Whole) -> PyResult<Vec<Collider>> {
+        let (py, hand) = (this.py(), this.get());
+        let finger = conv::count(py, "finger", finger)?;
+        let handles = hand.read(py, |world, _| world.colliders_of(world.finger_handle(hand.handle, finger)?))?;
+        let owner = || this.clone().into_any().unbind();
+        let collider = |handle| Collider { world: hand.world.clone(), handle, owner: owner(), finger: Some(finger) };
+        Ok(handles.into_iter().map(collider).collect())
     }
 
     #[doc = doc!("Hand.material")]
     #[getter]
     fn material(&self, py: Python<'_>) -> PyResult<Option<Material>> {
-        self.entry(py, 0.into(), material)
+        self.of_first(py, 0.into(), material)
     }
 
     #[setter]
     fn set_material(&self, py: Python<'_>, value: &Material) -> PyResult<()> {
         let fingers = self.read(py, |_, hand| Ok(hand.fingers.clone()))?;
-        let mut world = self.world.get().lock(py);
+        let mut world = self.world.lock(py)?;
         fingers.into_iter().try_for_each(|finger| world.set_material(finger, &value.engine)).or_raise(py)
     }
 
     #[doc = doc!("Hand.displacements")]
     fn displacements<'py>(&self, py: Python<'py>, finger: conv::Whole) -> PyResult<Bound<'py, PyArray2<Real>>> {
-        let values = self.entry(py, finger, displacements)?;
+        let values = self.of_first(py, finger, displacements)?.unwrap_or_default();
         conv::from_points(py, values)
     }
 
@@ -340,24 +369,27 @@ impl Hand {
         py: Python<'_>,
         starts: &Bound<'_, PyAny>,
         directions: &Bound<'_, PyAny>,
-        squeeze: Real,
+        #[pyo3(from_py_with = conv::real)] squeeze: Real,
         shares: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Grip> {
         let (starts, directions) = (conv::points(starts, "starts")?, conv::points(directions, "directions")?);
-        // Pads that close the same way share the squeeze.
-        let alike = |a: &Vec3| directions.iter().filter(|b| a.dot(b) > 0.0).count().max(1) as Real;
-        let shares = match shares {
-            Some(shares) => conv::vector(shares, "shares")?,
-            None => directions.iter().map(|d| 1.0 / alike(d)).collect(),
-        };
-        if directions.len() != starts.len() || shares.len() != starts.len() {
-            let got = format!("{} starts, {} directions, {} shares", starts.len(), directions.len(), shares.len());
-            return Err(to_py(py, &Error::shape("paths of the pads", "as many of each", got, "give one of each per finger")));
-        }
-        let paths = starts.iter().zip(&directions).zip(&shares);
-        let paths: Vec<PadPath> = paths.map(|((&start, &direction), &share)| PadPath { start, direction, share }).collect();
-        let grip = quasirigid::grip::Grip::new(&mut self.world.get().lock(py), self.handle, &paths, squeeze).or_raise(py)?;
-        Ok(Grip::new(self.world.clone_ref(py), grip))
+        let shares = shares.map(|shares| conv::vector(shares, "shares")).transpose()?;
+        let paths = PadPath::of_fingers(&starts, &directions, shares.as_deref()).or_raise(py)?;
+        let grip = quasirigid::control::grip::Grip::new(&mut *self.world.lock(py)?, self.handle, &paths, squeeze).or_raise(py)?;
+        Ok(Grip::new(self.world.clone(), grip))
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        self.handle == other.handle
+    }
+
+    // The usual one asks for the truth of what `==` says, and an array that is compared with has none.
+    fn __ne__(&self, other: &Self) -> bool {
+        self.handle != other.handle
+    }
+
+    fn __hash__(&self) -> u64 {
+        crate::value::hash_of(&self.handle)
     }
 
     fn __repr__(&self, py: Python<'_>) -> String {

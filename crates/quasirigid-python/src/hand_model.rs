@@ -2,7 +2,8 @@
 
 use crate::conv;
 use crate::errors::OrRaise;
-use numpy::{PyArray1, PyArray2};
+use crate::value::{Value, from_cbor, to_cbor, value};
+use numpy::PyArray2;
 use pyo3::prelude::*;
 use quasirigid::body::{FingerModel, JointModel};
 use quasirigid::math::Real;
@@ -27,7 +28,12 @@ impl HandModel {
     }
 
     #[doc = doc!("HandModel.with_gains")]
-    fn with_gains(&self, py: Python<'_>, stiffness: Real, damping: Real) -> PyResult<Self> {
+    fn with_gains(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = conv::real)] stiffness: Real,
+        #[pyo3(from_py_with = conv::real)] damping: Real,
+    ) -> PyResult<Self> {
         Ok(Self { engine: self.engine.with_gains(stiffness, damping).or_raise(py)? })
     }
 
@@ -49,23 +55,65 @@ impl HandModel {
 
     #[doc = doc!("HandModel.lower_limits")]
     #[getter]
-    fn lower_limits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
-        per_joint(py, self.engine.fingers(), |joint| joint.lower)
+    fn lower_limits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        conv::state("HandModel.lower_limits", per_joint(py, self.engine.fingers(), |joint| joint.lower)?)
     }
 
     #[doc = doc!("HandModel.upper_limits")]
     #[getter]
-    fn upper_limits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
-        per_joint(py, self.engine.fingers(), |joint| joint.upper)
+    fn upper_limits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        conv::state("HandModel.upper_limits", per_joint(py, self.engine.fingers(), |joint| joint.upper)?)
+    }
+
+    #[doc = doc!("HandModel.knuckles")]
+    #[getter]
+    fn knuckles<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        conv::state("HandModel.knuckles", conv::from_points(py, self.engine.knuckles().collect::<Vec<_>>())?)
+    }
+
+    #[doc = doc!("HandModel.three_finger_link_radii")]
+    #[staticmethod]
+    fn three_finger_link_radii() -> (Real, Real, Real) {
+        quasirigid::body::HandModel::THREE_FINGER_LINK_RADII.into()
     }
 
     #[doc = doc!("HandModel.pad_semi_axes")]
     #[getter]
-    fn pad_semi_axes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
-        conv::from_vec3(py, &self.engine.tips()[0].pad_semi_axes)
+    fn pad_semi_axes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        conv::state("HandModel.pad_semi_axes", conv::from_vec3(py, &self.engine.tips()[0].pad_semi_axes))
     }
 
     fn __repr__(&self) -> String {
         format!("HandModel({:?}, fingers={:?})", self.engine.name(), self.finger_names())
     }
 }
+
+impl Value for HandModel {
+    const NAME: &'static str = "HandModel";
+
+    fn same(&self, other: &Self) -> bool {
+        self.engine == other.engine
+    }
+
+    fn digest(&self) -> Vec<Real> {
+        let joints = self.engine.fingers().iter().flat_map(FingerModel::joints);
+        let name = self.engine.name().bytes().map(Real::from);
+        name.chain(joints.flat_map(|joint| [joint.lower, joint.upper, joint.stiffness, joint.damping])).collect()
+    }
+
+    fn write(&self) -> Result<Vec<u8>, String> {
+        to_cbor(&self.engine)
+    }
+
+    fn read(bytes: &[u8]) -> Result<Self, String> {
+        let engine: quasirigid::body::HandModel = from_cbor(bytes)?;
+        let mut fingers = engine.fingers().iter().map(FingerModel::dof);
+        let joints = fingers.next();
+        if fingers.any(|other| Some(other) != joints) {
+            return Err("fingers with different numbers of joints".into());
+        }
+        Ok(Self { engine })
+    }
+}
+
+value!(HandModel);

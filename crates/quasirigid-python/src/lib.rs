@@ -5,22 +5,33 @@
 include!(concat!(env!("OUT_DIR"), "/docs.rs"));
 
 mod body;
+mod collider;
 mod compliance_matrix;
 mod contacts;
 mod conv;
+mod copies;
 mod errors;
 mod friction;
+mod friction_sides;
 mod grip;
 mod hand;
 mod hand_model;
 mod mass_properties;
 mod material;
 mod mocap;
-mod mocap_hand;
+mod mocap_calibration;
+mod mocap_decoder;
+mod mocap_frame;
+mod mocap_parts;
 mod mocap_take;
+mod mocap_tracker;
+mod process;
 mod report;
+mod skin;
+mod snapshot;
 mod solver;
 mod surface;
+mod value;
 mod world;
 
 use pyo3::prelude::*;
@@ -30,6 +41,8 @@ use pyo3::prelude::*;
 mod _quasirigid {
     #[pymodule_export]
     use crate::body::Body;
+    #[pymodule_export]
+    use crate::collider::Collider;
     #[pymodule_export]
     use crate::compliance_matrix::ComplianceMatrix;
     #[pymodule_export]
@@ -49,15 +62,23 @@ mod _quasirigid {
     #[pymodule_export]
     use crate::mocap::{Packet, Receiver};
     #[pymodule_export]
-    use crate::mocap_hand::{Calibration, HandDecoder, HandFrame, HandTargets, HandTracker};
+    use crate::mocap_calibration::Calibration;
+    #[pymodule_export]
+    use crate::mocap_decoder::HandDecoder;
+    #[pymodule_export]
+    use crate::mocap_frame::HandFrame;
     #[pymodule_export]
     use crate::mocap_take::{Replay, Take, TakeWriter};
     #[pymodule_export]
+    use crate::mocap_tracker::{HandTargets, HandTracker};
+    #[pymodule_export]
     use crate::report::StepReport;
+    #[pymodule_export]
+    use crate::snapshot::Snapshot;
     #[pymodule_export]
     use crate::solver::{_solve_contacts, ContactSolution};
     #[pymodule_export]
-    use crate::surface::Surface;
+    use crate::surface::{_screen_cloud, Surface};
     #[pymodule_export]
     use crate::world::World;
 
@@ -67,6 +88,6 @@ mod _quasirigid {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-        module.add("STAGES", PyTuple::new(module.py(), quasirigid::report::STAGES)?)
+        module.add("STAGES", PyTuple::new(module.py(), quasirigid::world::report::STAGES)?)
     }
 }

@@ -1,21 +1,23 @@
 //! `Material`.
 
 use crate::compliance_matrix::ComplianceMatrix;
+use crate::conv;
 use crate::errors::{OrRaise, to_py};
 use crate::friction::Friction;
+use crate::value::{Value, from_cbor, to_cbor, value};
 use pyo3::prelude::*;
 use quasirigid::Error;
-use quasirigid::body::ComplianceModel;
+use quasirigid::collider::ComplianceModel;
 use quasirigid::math::Real;
 
 #[doc = doc!("Material")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct Material {
-    pub(crate) engine: quasirigid::body::Material,
+    pub(crate) engine: quasirigid::collider::Material,
 }
 
 /// A model by its name, or a matrix, checked if it is not yet.
-fn model(value: &Bound<'_, PyAny>, material: &quasirigid::body::Material) -> PyResult<ComplianceModel> {
+fn model(value: &Bound<'_, PyAny>, material: &quasirigid::collider::Material) -> PyResult<ComplianceModel> {
     let py = value.py();
     if let Ok(given) = value.cast::<ComplianceMatrix>() {
         return Ok(ComplianceModel::Matrix(given.get().engine.clone()));
@@ -35,14 +37,14 @@ fn model(value: &Bound<'_, PyAny>, material: &quasirigid::body::Material) -> PyR
 impl Material {
     #[doc = doc!("Material.preset")]
     #[staticmethod]
-    fn preset(py: Python<'_>, name: &str) -> PyResult<Self> {
-        Ok(Self { engine: quasirigid::body::Material::preset(name).or_raise(py)? })
+    fn preset(py: Python<'_>, #[pyo3(from_py_with = conv::text)] name: &str) -> PyResult<Self> {
+        Ok(Self { engine: quasirigid::collider::Material::preset(name).or_raise(py)? })
     }
 
     #[doc = doc!("Material.preset_names")]
     #[staticmethod]
     fn preset_names() -> Vec<&'static str> {
-        quasirigid::body::Material::preset_names().collect()
+        quasirigid::collider::Material::preset_names().collect()
     }
 
     #[doc = doc!("Material.replace")]
@@ -52,17 +54,17 @@ impl Material {
     fn replace(
         &self,
         py: Python<'_>,
-        name: Option<String>,
-        density: Option<Real>,
+        #[pyo3(from_py_with = conv::optional_text)] name: Option<&str>,
+        #[pyo3(from_py_with = conv::optional_real)] density: Option<Real>,
         friction: Option<&Bound<'_, PyAny>>,
-        young_modulus: Option<Real>,
-        poisson_ratio: Option<Real>,
-        layer_thickness: Option<Real>,
-        relaxation_time: Option<Real>,
+        #[pyo3(from_py_with = conv::optional_real)] young_modulus: Option<Real>,
+        #[pyo3(from_py_with = conv::optional_real)] poisson_ratio: Option<Real>,
+        #[pyo3(from_py_with = conv::optional_real)] layer_thickness: Option<Real>,
+        #[pyo3(from_py_with = conv::optional_real)] relaxation_time: Option<Real>,
         compliance: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let old = &self.engine;
-        let mut new = quasirigid::body::Material { name: name.unwrap_or_else(|| old.name.clone()), ..old.clone() };
+        let mut new = quasirigid::collider::Material { name: name.map_or_else(|| old.name.clone(), str::to_owned), ..old.clone() };
         new = new.with_density(density.unwrap_or(old.density)).or_raise(py)?;
         let friction = friction.map_or(Ok(old.friction), crate::friction::friction)?;
         new = new.with_friction(friction).or_raise(py)?;
@@ -148,3 +150,30 @@ impl Material {
         format!("Material({:?}, friction={}, compliance={:?})", self.engine.name, self.friction(), self.compliance())
     }
 }
+
+impl Value for Material {
+    const NAME: &'static str = "Material";
+
+    fn same(&self, other: &Self) -> bool {
+        self.engine == other.engine
+    }
+
+    fn digest(&self) -> Vec<Real> {
+        let m = &self.engine;
+        let name = m.name.bytes().map(Real::from);
+        let figures = [m.density, m.friction.static_coefficient, m.young_modulus, m.poisson_ratio, m.layer_thickness, m.relaxation_time];
+        name.chain(figures).collect()
+    }
+
+    fn write(&self) -> Result<Vec<u8>, String> {
+        to_cbor(&self.engine)
+    }
+
+    fn read(bytes: &[u8]) -> Result<Self, String> {
+        let engine: quasirigid::collider::Material = from_cbor(bytes)?;
+        engine.check().map_err(|error| error.to_string())?;
+        Ok(Self { engine })
+    }
+}
+
+value!(Material);

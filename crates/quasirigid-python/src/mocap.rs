@@ -2,14 +2,15 @@
 
 use crate::conv;
 use crate::errors::to_py;
+use crate::process::elsewhere;
 use pyo3::prelude::*;
-use pyo3::sync::{MutexExt, RwLockExt};
+use pyo3::sync::RwLockExt;
 use pyo3::types::{PyBytes, PyDict};
 use quasirigid_mocap as mocap;
 use quasirigid_mocap::{Error, Order};
 use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock, RwLockReadGuard};
+use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
 use std::time::Duration;
 
 /// `?` for results of the mocap crate.
@@ -35,12 +36,7 @@ pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
     crate::errors::make(py, class, [what, expected, got, hint])
 }
 
-/// What a mutex holds, waiting without the GIL: whoever has it may want the GIL before it gives it back. An error is raised after that.
-pub(crate) fn lock<'a, T>(py: Python<'_>, mutex: &'a Mutex<T>) -> MutexGuard<'a, T> {
-    mutex.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner)
-}
-
-/// The same to read only.
+/// What is shared, to read it, waiting without the GIL: whoever has it may want the GIL before it gives it back. An error is raised after that.
 pub(crate) fn read<'a, T>(py: Python<'_>, shared: &'a RwLock<T>) -> RwLockReadGuard<'a, T> {
     shared.read_py_attached(py).unwrap_or_else(PoisonError::into_inner)
 }
@@ -97,7 +93,11 @@ impl Packet {
 fn parse(py: Python<'_>, bytes: &[u8]) -> PyResult<mocap::dtrack::Packet> {
     mocap::dtrack::Packet::parse(bytes).map_err(|error| {
         let why = error.to_string();
-        crate::errors::make(py, "PacketError", ["packet", "a DTrack packet", &why, "see docs/mocap.md for the format"])
+        crate::errors::make(
+            py,
+            "PacketError",
+            ["packet", "a DTrack packet", &why, "lines that begin with fr, ts, gl, 6d and the like: is it DTrack that sends?"],
+        )
     })
 }
 
@@ -106,7 +106,7 @@ impl Packet {
     #[doc = doc!("Packet.parse")]
     #[staticmethod]
     #[pyo3(signature = (data, arrival = 0.0))]
-    fn parse(py: Python<'_>, data: &[u8], arrival: f64) -> PyResult<Self> {
+    fn parse(py: Python<'_>, data: &[u8], #[pyo3(from_py_with = conv::real)] arrival: f64) -> PyResult<Self> {
         mocap::error::check_within("arrival", arrival, f64::MIN, f64::MAX, "s").or_raise(py)?;
         Ok(Self { packet: parse(py, data)?, arrival, bytes: data.to_vec(), from: None, order: None })
     }
@@ -243,6 +243,17 @@ pub struct Receiver {
     // Written to close it; all else only reads, so that nobody waits for one who waits.
     receiver: RwLock<mocap::Receiver>,
     address: SocketAddr,
+    process: u32,
+}
+
+impl Receiver {
+    /// Refuses a forked child: nothing is heard there.
+    fn check(&self, py: Python<'_>) -> PyResult<()> {
+        if self.process == std::process::id() {
+            return Ok(());
+        }
+        Err(elsewhere(py, "receiver", "one of the process that this one was forked from", "close it before the fork, and open one here"))
+    }
 }
 
 #[pymethods]
@@ -252,9 +263,9 @@ impl Receiver {
            text_signature = "(connection='5000', *, bind='0.0.0.0', interface='0.0.0.0', max_bytes=32768, controller_port=50107)")]
     fn new(
         py: Python<'_>,
-        connection: &str,
-        bind: &str,
-        interface: &str,
+        #[pyo3(from_py_with = conv::text)] connection: &str,
+        #[pyo3(from_py_with = conv::text)] bind: &str,
+        #[pyo3(from_py_with = conv::text)] interface: &str,
         max_bytes: conv::Whole,
         controller_port: conv::Whole,
     ) -> PyResult<Self> {
@@ -264,7 +275,7 @@ impl Receiver {
         let options = mocap::ReceiverOptions { bind, interface, max_bytes, controller_port };
         // Names of hosts are looked up, which may take long.
         let receiver = py.detach(|| mocap::Receiver::open(mocap::Endpoint::parse(connection)?, &options)).or_raise(py)?;
-        Ok(Self { address: receiver.address(), receiver: RwLock::new(receiver) })
+        Ok(Self { address: receiver.address(), receiver: RwLock::new(receiver), process: std::process::id() })
     }
 
     #[doc = doc!("Receiver.address")]
@@ -274,12 +285,14 @@ impl Receiver {
     }
 
     #[doc = doc!("Receiver.now")]
-    fn now(&self, py: Python<'_>) -> f64 {
-        read(py, &self.receiver).now()
+    fn now(&self, py: Python<'_>) -> PyResult<f64> {
+        self.check(py)?;
+        Ok(read(py, &self.receiver).now())
     }
 
     #[doc = doc!("Receiver.wait")]
-    fn wait(&self, py: Python<'_>, timeout: f64) -> PyResult<bool> {
+    fn wait(&self, py: Python<'_>, #[pyo3(from_py_with = conv::real)] timeout: f64) -> PyResult<bool> {
+        self.check(py)?;
         let end = std::time::Instant::now() + duration(py, "timeout", timeout)?;
         loop {
             // In pieces, so that Ctrl-C is heard and `close` from another thread is not kept waiting.
@@ -297,26 +310,31 @@ impl Receiver {
     }
 
     #[doc = doc!("Receiver.take")]
-    fn take(&self, py: Python<'_>) -> Vec<Packet> {
+    fn take(&self, py: Python<'_>) -> PyResult<Vec<Packet>> {
+        self.check(py)?;
         let taken = py.detach(|| read_detached(&self.receiver).take());
-        taken.iter().map(|received| Packet::received(received)).collect()
+        Ok(taken.iter().map(|received| Packet::received(received)).collect())
     }
 
     #[doc = doc!("Receiver.latest")]
     #[getter]
-    fn latest(&self, py: Python<'_>) -> Option<Packet> {
+    fn latest(&self, py: Python<'_>) -> PyResult<Option<Packet>> {
+        self.check(py)?;
         let latest: Option<Arc<mocap::Received>> = py.detach(|| read_detached(&self.receiver).latest());
-        latest.map(|received| Packet::received(&received))
+        Ok(latest.map(|received| Packet::received(&received)))
     }
 
     #[doc = doc!("Receiver.statistics")]
     fn statistics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        self.check(py)?;
         figures(py, &py.detach(|| read_detached(&self.receiver).statistics()))
     }
 
     #[doc = doc!("Receiver.close")]
-    fn close(&self, py: Python<'_>) {
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        self.check(py)?;
         py.detach(|| self.receiver.write().unwrap_or_else(PoisonError::into_inner).close());
+        Ok(())
     }
 
     fn __enter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
@@ -325,7 +343,8 @@ impl Receiver {
 
     #[pyo3(signature = (*_exception))]
     fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, PyAny>) {
-        self.close(py);
+        // An error is a forked child that leaves the block: its parent goes on listening.
+        let _ = self.close(py);
     }
 
     fn __repr__(&self) -> String {

@@ -1,16 +1,40 @@
 //! `StepReport`.
 
+use pyo3::exceptions::PyDeprecationWarning;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use quasirigid::gauss_seidel::Stop;
 use quasirigid::math::Real;
-use quasirigid::report::{PARTS, STAGES};
+use quasirigid::world::report::{PARTS, STAGES};
+use std::time::Duration;
 
 #[doc = doc!("StepReport")]
 #[pyclass(frozen, module = "quasirigid._quasirigid")]
 pub struct StepReport {
     pub(crate) engine: quasirigid::StepReport,
     pub(crate) quarantined: Vec<usize>,
+    pub(crate) penetrated: Vec<(usize, usize)>,
+}
+
+/// What is stored of a report: that of the engine, and the bodies in it by their places.
+pub type Stored = (quasirigid::StepReport, Vec<usize>, Vec<(usize, usize)>);
+
+/// No step has taken longer, s: a sum of its times is a time.
+const LONGEST: Duration = Duration::from_secs(1 << 40);
+
+impl StepReport {
+    /// What is stored.
+    pub fn stored(&self) -> Stored {
+        (self.engine.clone(), self.quarantined.clone(), self.penetrated.clone())
+    }
+
+    /// From what was stored.
+    pub fn of_stored((engine, quarantined, penetrated): Stored) -> Result<Self, String> {
+        if engine.times.stages().iter().chain(&engine.times.parts()).any(|time| *time > LONGEST) {
+            return Err("a step that took longer than there is time".into());
+        }
+        Ok(Self { engine, quarantined, penetrated })
+    }
 }
 
 #[pymethods]
@@ -81,10 +105,18 @@ impl StepReport {
         self.engine.times.total().as_secs_f64()
     }
 
+    #[doc = doc!("StepReport.budget_exhausted")]
+    #[getter]
+    fn budget_exhausted(&self) -> bool {
+        self.engine.budget_exhausted
+    }
+
     #[doc = doc!("StepReport.coarse")]
     #[getter]
-    fn coarse(&self) -> bool {
-        self.engine.coarse
+    fn coarse(&self, py: Python<'_>) -> PyResult<bool> {
+        let warning = py.get_type::<PyDeprecationWarning>();
+        PyErr::warn(py, &warning, c"StepReport.coarse is now budget_exhausted; the old name goes with the next release", 1)?;
+        Ok(self.engine.budget_exhausted)
     }
 
     #[doc = doc!("StepReport.ill_posed")]
@@ -99,6 +131,12 @@ impl StepReport {
         self.quarantined.clone()
     }
 
+    #[doc = doc!("StepReport.penetrated")]
+    #[getter]
+    fn penetrated(&self) -> Vec<(usize, usize)> {
+        self.penetrated.clone()
+    }
+
     fn __repr__(&self) -> String {
         let r = &self.engine;
         let (stop, ms) = (self.stop_reason(), 1e3 * self.step_time());
@@ -111,6 +149,7 @@ pub fn stop_name(stop: Stop) -> &'static str {
     match stop {
         Stop::Converged => "converged",
         Stop::SweepCap => "sweep-cap",
+        Stop::Stagnated => "stagnated",
         Stop::TimeBudget => "time-budget",
         Stop::Interrupted => "interrupted",
         Stop::NonFinite => "non-finite",

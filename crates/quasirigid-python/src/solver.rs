@@ -3,11 +3,12 @@
 use crate::conv;
 use crate::errors::{OrRaise, to_py};
 use crate::report::stop_name;
-use numpy::{AllowTypeChange, PyArray1, PyArrayLike1, PyArrayLike2, PyArrayLike3, PyUntypedArrayMethods};
+use numpy::{AllowTypeChange, PyArray1, PyArrayLike1, PyArrayLike3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use quasirigid::Error;
-use quasirigid::gauss_seidel::{ContactSystem, SolverParameters, SystemSolution, solve_system_until};
+use quasirigid::gauss_seidel::SolverParameters;
 use quasirigid::math::{Mat3, Real, Vec3};
+use quasirigid::solve_system::{ContactSystem, SystemSolution, solve_system_until};
 use std::cell::{Cell, RefCell};
 use std::time::{Duration, Instant};
 
@@ -72,6 +73,7 @@ impl ContactSolution {
         self.solution.stop.converged()
     }
 
+    #[doc = doc!("ContactSolution.stop_reason")]
     #[getter]
     fn stop_reason(&self) -> &'static str {
         stop_name(self.solution.stop)
@@ -101,16 +103,11 @@ impl ContactSolution {
     }
 }
 
-fn not_numbers(py: Python<'_>, what: &str, shape: &str, got: &Bound<'_, PyAny>) -> PyErr {
-    let got = got.get_type().name().map_or_else(|_| "something else".into(), |name| name.to_string());
-    to_py(py, &Error::shape(what, format!("real numbers of shape {shape}"), got, "give an array of real numbers"))
-}
-
 /// `W` with all its entries, `(3n, 3n)`.
 fn dense_system(w: &Bound<'_, PyAny>, q: &[Real], mu: &[Real]) -> PyResult<ContactSystem> {
     let py = w.py();
-    let w: PyArrayLike2<'_, Real, AllowTypeChange> = w.extract().map_err(|_| not_numbers(py, "W", "(3n, 3n)", w))?;
     let width = 3 * mu.len();
+    let w = conv::real_array(w, "W", &format!("({width}, {width})"))?;
     if w.shape() != [width, width] {
         let hint = "W has three rows and columns per contact, mu one number";
         return Err(to_py(py, &Error::shape("W", format!("shape ({width}, {width})"), format!("shape {:?}", w.shape()), hint)));
@@ -124,13 +121,19 @@ fn dense_system(w: &Bound<'_, PyAny>, q: &[Real], mu: &[Real]) -> PyResult<Conta
     }
 }
 
-/// `W` in the arrays of a canonical `scipy.sparse.bsr_array` with 3x3 blocks.
+/// `W` in the arrays of a canonical `scipy.sparse.bsr_array` with 3x3 blocks, which `quasirigid.arrays.sparse` has checked.
 fn block_system(rows: &BlockRows<'_>, q: &[Real], mu: &[Real]) -> PyResult<ContactSystem> {
     let (starts, columns, blocks) = rows;
-    let starts = starts.as_array().iter().map(|&k| k.max(0) as usize).collect();
-    let columns = columns.as_array().iter().map(|&j| u32::try_from(j).unwrap_or(u32::MAX)).collect();
+    let py = blocks.py();
+    let refuse =
+        |got: String| to_py(py, &Error::value("W", "row pointers and block columns of a matrix", got, "give a SciPy sparse matrix"));
+    let starts = starts.as_array().iter().map(|&k| usize::try_from(k).map_err(|_| refuse(k.to_string()))).collect::<PyResult<_>>()?;
+    let columns = columns.as_array().iter().map(|&j| u32::try_from(j).map_err(|_| refuse(j.to_string()))).collect::<PyResult<_>>()?;
+    if blocks.shape()[1..] != [3, 3] {
+        return Err(refuse(format!("blocks of shape {:?}", &blocks.shape()[1..])));
+    }
     let values = blocks.as_array().outer_iter().map(|b| Mat3::from_fn(|r, c| b[(r, c)])).collect();
-    ContactSystem::from_block_rows(starts, columns, values, q, mu).or_raise(blocks.py())
+    ContactSystem::from_block_rows(starts, columns, values, q, mu).or_raise(py)
 }
 
 /// Row pointers, block columns and blocks `(k, 3, 3)`.
@@ -175,14 +178,14 @@ pub fn _solve_contacts(
     w: &Bound<'_, PyAny>,
     q: &Bound<'_, PyAny>,
     mu: &Bound<'_, PyAny>,
-    tolerance: Real,
+    #[pyo3(from_py_with = conv::real)] tolerance: Real,
     max_sweeps: conv::Whole,
-    time_budget: Option<Real>,
+    #[pyo3(from_py_with = conv::optional_real)] time_budget: Option<Real>,
     warm_start: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<ContactSolution> {
     let start = Instant::now();
     let (q, mu) = (conv::vector(q, "q")?, conv::vector(mu, "mu")?);
-    let max_sweeps = conv::count(py, "max_sweeps", max_sweeps)?.try_into().unwrap_or(u32::MAX);
+    let max_sweeps = conv::count_from(py, "max_sweeps", max_sweeps, 1)?.try_into().unwrap_or(u32::MAX);
     let mut parameters = SolverParameters { tolerance, max_sweeps, min_sweeps: 1, ..SolverParameters::default() };
     if let Some(budget) = time_budget {
         quasirigid::error::check_positive("time_budget", budget, "s").or_raise(py)?;
@@ -224,7 +227,6 @@ pub fn contact_problem<'py>(py: Python<'py>, world: &quasirigid::World, sparse: 
     let (q, reactions) = problem.coulomb_part();
     let (q, reactions) = (flat(py, &q), flat(py, &reactions));
     let mu = conv::from_vec(py, problem.mu.clone());
-    let module = py.import("quasirigid.solver")?;
     let matrix = if sparse {
         let (mut starts, mut columns, mut blocks) = (vec![0i64], Vec::new(), Vec::new());
         for i in 0..problem.len() {
@@ -235,12 +237,12 @@ pub fn contact_problem<'py>(py: Python<'py>, world: &quasirigid::World, sparse: 
             starts.push(columns.len() as i64);
         }
         let arrays = (conv::from_vec(py, starts), conv::from_vec(py, columns), conv::from_matrices(py, blocks)?);
-        module.getattr("_from_block_rows")?.call1(arrays)?
+        py.import("quasirigid.arrays.sparse")?.getattr("from_block_rows")?.call1(arrays)?
     } else if problem.is_empty() {
         // A reshape to no columns is refused.
         numpy::PyArray2::<Real>::zeros(py, [0, 0], false).into_any()
     } else {
         conv::rows(py, w.to_dense(), 3 * problem.len())?.into_any()
     };
-    module.getattr("ContactProblem")?.call1((matrix, q, mu, reactions))
+    py.import("quasirigid.solver")?.getattr("ContactProblem")?.call1((matrix, q, mu, reactions))
 }

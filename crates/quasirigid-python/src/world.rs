@@ -1,22 +1,24 @@
 //! `World`: the engine behind a lock, so that other Python threads may look at it while one steps.
 
 use crate::body::Body;
+use crate::collider::{Collider, groups};
 use crate::contacts::Contacts;
 use crate::conv;
 use crate::errors::{OrRaise, to_py};
+use crate::friction_sides::sides;
 use crate::hand::Hand;
 use crate::hand_model::HandModel;
-use crate::mass_properties::MassProperties;
+use crate::mass_properties::mass_properties;
 use crate::material::Material;
+use crate::process::{SharedWorld, WorldEngine};
 use crate::report::StepReport;
 use crate::surface::Surface;
-use numpy::PyArray1;
 use pyo3::prelude::*;
-use pyo3::sync::MutexExt;
-use quasirigid::body::{Amount, Motion, RigidBody};
+use quasirigid::body::{Motion, RigidBody};
+use quasirigid::collider::Filter;
 use quasirigid::math::{Pose, Real, Rot, Vec3};
-use quasirigid::surface::shapes;
-use quasirigid::{Error, Parameters};
+use quasirigid::world::Pads;
+use quasirigid::{ColliderHandle, Error, Parameters};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -24,17 +26,90 @@ use std::time::{Duration, Instant};
 const SIGNALS_EVERY: Duration = Duration::from_millis(50);
 
 #[doc = doc!("World")]
-#[pyclass(frozen, module = "quasirigid._quasirigid")]
+#[pyclass(frozen, weakref, module = "quasirigid._quasirigid")]
 pub struct World {
-    engine: Mutex<quasirigid::World>,
+    engine: SharedWorld,
     report: Mutex<Option<Py<StepReport>>>,
 }
 
 impl World {
     /// The engine, waiting without the GIL if another thread steps it.
-    pub fn lock(&self, py: Python<'_>) -> MutexGuard<'_, quasirigid::World> {
-        self.engine.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner)
+    pub fn lock(&self, py: Python<'_>) -> PyResult<MutexGuard<'_, quasirigid::World>> {
+        self.engine.lock(py)
     }
+
+    /// A world around an engine, and what its last step said.
+    pub fn of(engine: quasirigid::World, report: Option<Py<StepReport>>) -> Self {
+        Self::around(WorldEngine::shared(engine), report)
+    }
+
+    /// Another `World` around the same engine.
+    pub fn around(engine: SharedWorld, report: Option<Py<StepReport>>) -> Self {
+        Self { engine, report: Mutex::new(report) }
+    }
+
+    /// The engine, for a handle that this world gives out.
+    pub fn shared(this: &Bound<'_, Self>) -> PyResult<SharedWorld> {
+        this.get().engine.belongs_to(this.as_any())?;
+        Ok(this.get().engine.clone())
+    }
+
+    /// A handle to a collider that is there, and to what carries it.
+    pub fn collider_handle(this: &Bound<'_, Self>, handle: ColliderHandle) -> PyResult<Collider> {
+        let (py, world) = (this.py(), Self::shared(this)?);
+        let (body, hand) = {
+            let engine = world.lock(py)?;
+            let body = engine.body_of(handle).or_raise(py)?;
+            (body, engine.hand_of(body).or_raise(py)?)
+        };
+        let (owner, finger) = match hand {
+            Some((hand, finger)) => (Py::new(py, Hand { world: world.clone(), handle: hand })?.into_any(), Some(finger)),
+            None => (Py::new(py, Body { world: world.clone(), handle: body })?.into_any(), None),
+        };
+        Ok(Collider { world, handle, owner, finger })
+    }
+
+    /// What the last step said.
+    pub fn last_report(&self, py: Python<'_>) -> Option<Py<StepReport>> {
+        self.report.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map(|report| report.clone_ref(py))
+    }
+
+    /// See [`World::last_report`].
+    pub fn set_report(&self, report: Option<Py<StepReport>>) {
+        *self.report.lock().unwrap_or_else(PoisonError::into_inner) = report;
+    }
+}
+
+impl World {
+    /// Applies `change` to every pair of a collider of `a` and one of `b`.
+    fn each_pair(
+        &self,
+        a: &Bound<'_, PyAny>,
+        b: &Bound<'_, PyAny>,
+        change: impl Fn(&mut quasirigid::World, ColliderHandle, ColliderHandle) -> quasirigid::Result<()>,
+    ) -> PyResult<()> {
+        let py = a.py();
+        let mut engine = self.lock(py)?;
+        let (of_a, of_b) = (colliders_of(&engine, a)?, colliders_of(&engine, b)?);
+        of_a.iter().flat_map(|&a| of_b.iter().map(move |&b| (a, b))).try_for_each(|(a, b)| change(&mut engine, a, b)).or_raise(py)
+    }
+}
+
+/// A collider, or those that a body or the fingers of a hand have now.
+fn colliders_of(engine: &quasirigid::World, value: &Bound<'_, PyAny>) -> PyResult<Vec<ColliderHandle>> {
+    let py = value.py();
+    if let Ok(collider) = value.cast::<Collider>() {
+        return Ok(vec![collider.get().handle]);
+    }
+    if let Ok(body) = value.cast::<Body>() {
+        return engine.colliders_of(body.get().handle).or_raise(py);
+    }
+    if let Ok(hand) = value.cast::<Hand>() {
+        let fingers = &engine.hand(hand.get().handle).or_raise(py)?.fingers;
+        let colliders: quasirigid::Result<Vec<_>> = fingers.iter().map(|&finger| engine.colliders_of(finger)).collect();
+        return colliders.map(|colliders| colliders.concat()).or_raise(py);
+    }
+    Err(to_py(py, &Error::handle("pair", "a Collider, a Body or a Hand", value.get_type(), "name the two that are not to touch")))
 }
 
 fn motion(py: Python<'_>, name: &str, known: &str) -> PyResult<Option<Motion>> {
@@ -60,28 +135,6 @@ fn optional_pose(position: Option<&Bound<'_, PyAny>>, quaternion: Option<&Bound<
     Ok(Pose::from_parts(position.into(), rotation))
 }
 
-/// Mass properties given as such, or as a number with the inertia of the bounding box.
-pub fn mass_properties(
-    mass: Option<&Bound<'_, PyAny>>,
-    surface: &quasirigid::surface::Surface,
-    py: Python<'_>,
-) -> PyResult<quasirigid::body::MassProperties> {
-    let Some(mass) = mass else {
-        let hint = "give mass=MassProperties... or a number, or motion=\"fixed\"";
-        return Err(to_py(py, &Error::value("mass", "the mass of a body that is free to move", "none", hint)));
-    };
-    if let Ok(given) = mass.cast::<MassProperties>() {
-        return Ok(given.get().engine);
-    }
-    let kg: Real = mass.extract().map_err(|_| {
-        to_py(py, &Error::value("mass", "MassProperties or a number (kg)", mass.get_type(), "see MassProperties.box and its siblings"))
-    })?;
-    let points = &surface.points;
-    let (low, high) = points.iter().fold((points[0], points[0]), |(low, high), p| (low.inf(p), high.sup(p)));
-    let cuboid = quasirigid::body::MassProperties::cuboid(high - low, Amount::Mass(kg)).or_raise(py)?;
-    cuboid.transformed(&Pose::from_parts(((low + high) * 0.5).into(), Rot::identity())).or_raise(py)
-}
-
 #[pymethods]
 impl World {
     #[new]
@@ -94,18 +147,18 @@ impl World {
                              friction_rule='geometric-mean', step_budget=None)")]
     fn new(
         py: Python<'_>,
-        dt: Real,
+        #[pyo3(from_py_with = conv::real)] dt: Real,
         gravity: Option<&Bound<'_, PyAny>>,
         threads: conv::Whole,
-        tolerance: Real,
+        #[pyo3(from_py_with = conv::real)] tolerance: Real,
         max_sweeps: conv::Whole,
-        time_budget: Option<Real>,
+        #[pyo3(from_py_with = conv::optional_real)] time_budget: Option<Real>,
         traversal_budget: Option<conv::Whole>,
-        contact_margin: Option<Real>,
+        #[pyo3(from_py_with = conv::optional_real)] contact_margin: Option<Real>,
         collision_every: conv::Whole,
-        push_out_speed: Option<Real>,
-        friction_rule: &str,
-        step_budget: Option<Real>,
+        #[pyo3(from_py_with = conv::optional_real)] push_out_speed: Option<Real>,
+        #[pyo3(from_py_with = conv::text)] friction_rule: &str,
+        #[pyo3(from_py_with = conv::optional_real)] step_budget: Option<Real>,
     ) -> PyResult<Self> {
         let mut params = Parameters { dt, friction_rule: crate::friction::rule(py, friction_rule)?, ..Parameters::default() };
         if let Some(gravity) = gravity {
@@ -113,7 +166,7 @@ impl World {
         }
         params.threads = conv::count(py, "threads", threads)?;
         params.solver.tolerance = tolerance;
-        params.solver.max_sweeps = conv::count(py, "max_sweeps", max_sweeps)?.try_into().unwrap_or(u32::MAX);
+        params.solver.max_sweeps = conv::count_from(py, "max_sweeps", max_sweeps, 1)?.try_into().unwrap_or(u32::MAX);
         if let Some(budget) = time_budget {
             quasirigid::error::check_positive("time_budget", budget, "s").or_raise(py)?;
             params.solver.time_budget = Duration::try_from_secs_f64(budget).ok();
@@ -128,84 +181,84 @@ impl World {
         if let Some(speed) = push_out_speed {
             params.push_out_speed = speed;
         }
-        params.collision_every = conv::count(py, "collision_every", collision_every)?.try_into().unwrap_or(u32::MAX);
-        Ok(Self { engine: Mutex::new(quasirigid::World::new(params).or_raise(py)?), report: Mutex::new(None) })
+        params.collision_every = conv::count_from(py, "collision_every", collision_every, 1)?.try_into().unwrap_or(u32::MAX);
+        Ok(Self::of(quasirigid::World::new(params).or_raise(py)?, None))
     }
 
     #[doc = doc!("World.dt")]
     #[getter]
-    fn dt(&self, py: Python<'_>) -> Real {
-        self.lock(py).parameters().dt
+    fn dt(&self, py: Python<'_>) -> PyResult<Real> {
+        Ok(self.lock(py)?.parameters().dt)
     }
 
     #[doc = doc!("World.gravity")]
     #[getter]
-    fn gravity<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
-        let gravity = self.lock(py).parameters().gravity;
-        conv::from_vec3(py, &gravity)
+    fn gravity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let gravity = self.lock(py)?.parameters().gravity;
+        conv::state("World.gravity", conv::from_vec3(py, &gravity))
     }
 
     #[setter]
     fn set_gravity(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
         let gravity = conv::vec3(value, "gravity")?;
-        self.lock(value.py()).set_gravity(gravity).or_raise(value.py())
+        self.lock(value.py())?.set_gravity(gravity).or_raise(value.py())
     }
 
     #[doc = doc!("World.step_budget")]
     #[getter]
-    fn step_budget(&self, py: Python<'_>) -> Option<Real> {
-        self.lock(py).parameters().step_budget.map(|budget| budget.as_secs_f64())
+    fn step_budget(&self, py: Python<'_>) -> PyResult<Option<Real>> {
+        Ok(self.lock(py)?.parameters().step_budget.map(|budget| budget.as_secs_f64()))
     }
 
     #[setter]
-    fn set_step_budget(&self, py: Python<'_>, value: Option<Real>) -> PyResult<()> {
+    fn set_step_budget(&self, py: Python<'_>, #[pyo3(from_py_with = conv::optional_real)] value: Option<Real>) -> PyResult<()> {
         let step_budget = self::step_budget(py, value)?;
-        let mut engine = self.lock(py);
+        let mut engine = self.lock(py)?;
         let params = Parameters { step_budget, ..engine.parameters().clone() };
         engine.set_parameters(params).or_raise(py)
     }
 
     #[doc = doc!("World.bodies")]
     #[getter]
-    fn bodies(this: &Bound<'_, Self>) -> Vec<Body> {
-        let handles = this.get().lock(this.py()).rigid_bodies();
-        handles.into_iter().map(|handle| Body { world: this.clone().unbind(), handle }).collect()
+    fn bodies(this: &Bound<'_, Self>) -> PyResult<Vec<Body>> {
+        let (handles, world) = (this.get().lock(this.py())?.rigid_bodies(), Self::shared(this)?);
+        Ok(handles.into_iter().map(|handle| Body { world: world.clone(), handle }).collect())
     }
 
     #[doc = doc!("World.hands")]
     #[getter]
-    fn hands(this: &Bound<'_, Self>) -> Vec<Hand> {
-        let handles = this.get().lock(this.py()).hand_handles();
-        handles.into_iter().map(|handle| Hand { world: this.clone().unbind(), handle }).collect()
+    fn hands(this: &Bound<'_, Self>) -> PyResult<Vec<Hand>> {
+        let (handles, world) = (this.get().lock(this.py())?.hand_handles(), Self::shared(this)?);
+        Ok(handles.into_iter().map(|handle| Hand { world: world.clone(), handle }).collect())
     }
 
     #[getter]
-    fn friction_rule(&self, py: Python<'_>) -> &'static str {
-        crate::friction::rule_name(self.lock(py).parameters().friction_rule)
+    fn friction_rule(&self, py: Python<'_>) -> PyResult<&'static str> {
+        Ok(crate::friction::rule_name(self.lock(py)?.parameters().friction_rule))
     }
 
     #[doc = doc!("World.time")]
     #[getter]
-    fn time(&self, py: Python<'_>) -> Real {
-        self.lock(py).time()
+    fn time(&self, py: Python<'_>) -> PyResult<Real> {
+        Ok(self.lock(py)?.time())
     }
 
     #[getter]
-    fn steps(&self, py: Python<'_>) -> u64 {
-        self.lock(py).steps()
+    fn steps(&self, py: Python<'_>) -> PyResult<u64> {
+        Ok(self.lock(py)?.steps())
     }
 
     #[doc = doc!("World.report")]
     #[getter]
     fn report(&self, py: Python<'_>) -> Option<Py<StepReport>> {
-        self.report.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map(|report| report.clone_ref(py))
+        self.last_report(py)
     }
 
     #[doc = doc!("World.quarantined")]
     #[getter]
-    fn quarantined(&self, py: Python<'_>) -> Vec<usize> {
-        let engine = self.lock(py);
-        engine.bodies().iter().enumerate().filter(|(_, entry)| entry.quarantined).map(|(index, _)| index).collect()
+    fn quarantined(&self, py: Python<'_>) -> PyResult<Vec<usize>> {
+        let engine = self.lock(py)?;
+        Ok(engine.bodies().iter().enumerate().filter(|(_, entry)| entry.quarantined).map(|(index, _)| index).collect())
     }
 
     #[doc = doc!("World.add_body")]
@@ -218,15 +271,15 @@ impl World {
         surface: &Surface,
         material: &Material,
         mass: Option<&Bound<'_, PyAny>>,
-        motion: &str,
+        #[pyo3(from_py_with = conv::text)] motion: &str,
         position: Option<&Bound<'_, PyAny>>,
         quaternion: Option<&Bound<'_, PyAny>>,
-        name: Option<String>,
+        #[pyo3(from_py_with = conv::optional_text)] name: Option<&str>,
         viscosity: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Body> {
         let py = this.py();
         let pose = optional_pose(position, quaternion)?;
-        let name = name.unwrap_or_else(|| "body".into());
+        let name = name.unwrap_or("body");
         let mut body = match self::motion(py, motion, "\"inertial\", \"quasi-static\" or \"fixed\"")? {
             Some(motion) => RigidBody::free(name, mass_properties(mass, &surface.engine, py)?, motion, pose),
             None => RigidBody::fixed(name, pose),
@@ -236,8 +289,8 @@ impl World {
             let (linear, angular) = conv::pair(viscosity, "viscosity")?;
             body.set_viscosity(linear, angular).or_raise(py)?;
         }
-        let handle = this.get().lock(py).add_body(body, Some((surface.engine.clone(), material.engine.clone()))).or_raise(py)?;
-        Ok(Body { world: this.clone().unbind(), handle })
+        let handle = this.get().lock(py)?.add_body(body, Some((surface.engine.clone(), material.engine.clone()))).or_raise(py)?;
+        Ok(Body { world: Self::shared(this)?, handle })
     }
 
     #[doc = doc!("World.add_hand")]
@@ -252,7 +305,7 @@ impl World {
         position: Option<&Bound<'_, PyAny>>,
         quaternion: Option<&Bound<'_, PyAny>>,
         material: Option<&Material>,
-        motion: &str,
+        #[pyo3(from_py_with = conv::text)] motion: &str,
         points: conv::Whole,
         control_points: conv::Whole,
     ) -> PyResult<Hand> {
@@ -261,41 +314,93 @@ impl World {
             Some(model) => model.engine.clone(),
             None => quasirigid::body::HandModel::three_finger().or_raise(py)?,
         };
-        let material = match material {
-            Some(material) => material.engine.clone(),
-            None => quasirigid::body::Material::preset("fingertip_pulp").or_raise(py)?,
-        };
         let pose = optional_pose(position, quaternion)?;
         let motion = self::motion(py, motion, "\"inertial\" or \"quasi-static\"")?.unwrap_or(Motion::Inertial);
-        let pad = shapes::sample_fingertip(model.tips()[0].pad_semi_axes, conv::count(py, "points", points)?).or_raise(py)?;
-        let control_points = Some(conv::count(py, "control_points", control_points)?);
-        let handle = this.get().lock(py).add_hand(&model, pose, motion, &pad, control_points, &material).or_raise(py)?;
-        Ok(Hand { world: this.clone().unbind(), handle })
+        let mut pads = Pads::usual().or_raise(py)?;
+        if let Some(material) = material {
+            pads.material = material.engine.clone();
+        }
+        pads.points = conv::count(py, "points", points)?;
+        pads.control_points = conv::count(py, "control_points", control_points)?;
+        let handle = this.get().lock(py)?.add_hand_with_pads(&model, pose, motion, &pads).or_raise(py)?;
+        Ok(Hand { world: Self::shared(this)?, handle })
     }
 
     #[doc = doc!("World.remove")]
     fn remove(&self, py: Python<'_>, handle: &Bound<'_, PyAny>) -> PyResult<()> {
         if let Ok(body) = handle.cast::<Body>() {
-            return self.lock(py).remove_body(body.get().handle).or_raise(py);
+            return self.lock(py)?.remove_body(body.get().handle).or_raise(py);
         }
         if let Ok(hand) = handle.cast::<Hand>() {
-            return self.lock(py).remove_hand(hand.get().handle).or_raise(py);
+            return self.lock(py)?.remove_hand(hand.get().handle).or_raise(py);
         }
-        Err(to_py(py, &Error::handle("remove", "a Body or a Hand", handle.get_type(), "give what add_body or add_hand returned")))
+        if let Ok(collider) = handle.cast::<Collider>() {
+            return self.lock(py)?.remove_collider(collider.get().handle).or_raise(py);
+        }
+        let hint = "give what add_body, add_hand or add_collider returned";
+        Err(to_py(py, &Error::handle("remove", "a Body, a Hand or a Collider", handle.get_type(), hint)))
+    }
+
+    #[doc = doc!("World.colliders")]
+    #[getter]
+    fn colliders(this: &Bound<'_, Self>) -> PyResult<Vec<Collider>> {
+        let py = this.py();
+        let handles = this.get().lock(py)?.colliders();
+        handles.into_iter().map(|handle| Self::collider_handle(this, handle)).collect()
+    }
+
+    #[doc = doc!("World.add_collider")]
+    #[allow(clippy::too_many_arguments)] // keyword arguments
+    #[pyo3(signature = (body, surface, material, *, link = 0.into(), finger = None, group = 1.into(), mask = 0xffff_ffff.into()),
+           text_signature = "($self, body, surface, material, *, link=0, finger=None, group=1, mask=0xffffffff)")]
+    fn add_collider(
+        this: &Bound<'_, Self>,
+        body: &Bound<'_, PyAny>,
+        surface: &Surface,
+        material: &Material,
+        link: conv::Whole,
+        finger: Option<conv::Whole>,
+        group: conv::Whole,
+        mask: conv::Whole,
+    ) -> PyResult<Collider> {
+        let py = this.py();
+        let filter = Filter { group: groups(py, "group", group)?, mask: groups(py, "mask", mask)? };
+        let link = conv::count(py, "link", link)?;
+        let finger = finger.map(|finger| conv::count(py, "finger", finger)).transpose()?;
+        let mut engine = this.get().lock(py)?;
+        let wrong =
+            |expected, got: String| Err(to_py(py, &Error::handle("add_collider", expected, got, "say whom the surface is fixed to")));
+        let on = match (body.cast::<Body>(), body.cast::<Hand>(), finger) {
+            (Ok(body), _, None) => body.get().handle,
+            (_, Ok(hand), Some(finger)) => engine.finger_handle(hand.get().handle, finger).or_raise(py)?,
+            (Ok(_), _, Some(finger)) => return wrong("a Hand with finger=", format!("a Body with finger={finger}")),
+            (_, Ok(_), None) => return wrong("a Hand with finger=", "a Hand without".into()),
+            _ => return wrong("a Body, or a Hand with finger=", body.get_type().to_string()),
+        };
+        let handle = engine.add_collider(on, link, surface.engine.clone(), material.engine.clone(), filter).or_raise(py)?;
+        Ok(Collider { world: Self::shared(this)?, handle, owner: body.clone().unbind(), finger })
+    }
+
+    #[doc = doc!("World.exclude")]
+    fn exclude(&self, a: &Bound<'_, PyAny>, b: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.each_pair(a, b, quasirigid::World::exclude_pair)
+    }
+
+    #[doc = doc!("World.include")]
+    fn include(&self, a: &Bound<'_, PyAny>, b: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.each_pair(a, b, quasirigid::World::include_pair)
     }
 
     #[doc = doc!("World.step")]
     #[pyo3(signature = (n = 1.into()), text_signature = "($self, n=1)")]
     fn step(&self, py: Python<'_>, n: conv::Whole) -> PyResult<Py<StepReport>> {
-        let mut left = conv::count(py, "n", n)?;
-        if left == 0 {
-            return Err(to_py(py, &Error::value("n", "at least 1 step", 0, "ask for a step to get a report")));
-        }
+        let mut left = conv::count_from(py, "n", n, 1)?;
         let mut so_far = None;
         loop {
+            self.engine.check(py)?;
             // The lock is taken and let go without the GIL: whoever waits for it holds nothing that this thread needs.
             let report = py.detach(|| {
-                let mut engine = self.engine.lock().unwrap_or_else(PoisonError::into_inner);
+                let mut engine = self.engine.lock_detached();
                 let start = Instant::now();
                 loop {
                     let mut report = engine.step();
@@ -305,14 +410,16 @@ impl World {
                     left -= 1;
                     if left == 0 || start.elapsed() > SIGNALS_EVERY {
                         let quarantined = report.quarantined.iter().filter_map(|&body| engine.dense(body).ok()).collect();
-                        break StepReport { engine: report, quarantined };
+                        let dense = |&(a, b): &(_, _)| Some((engine.dense(a).ok()?, engine.dense(b).ok()?));
+                        let penetrated = report.penetrated.iter().filter_map(dense).collect();
+                        break StepReport { engine: report, quarantined, penetrated };
                     }
                     so_far = Some(report);
                 }
             });
             so_far = (left > 0).then(|| report.engine.clone());
             let report = Py::new(py, report)?;
-            *self.report.lock().unwrap_or_else(PoisonError::into_inner) = Some(report.clone_ref(py));
+            self.set_report(Some(report.clone_ref(py)));
             py.check_signals()?;
             if left == 0 {
                 return Ok(report);
@@ -329,8 +436,8 @@ impl World {
     ) -> PyResult<()> {
         let py = a.py();
         let friction = friction.map(crate::friction::friction).transpose()?;
-        let mut engine = this.get().lock(py);
-        let (a, b) = (crate::friction::sides(this, &engine, a)?, crate::friction::sides(this, &engine, b)?);
+        let mut engine = this.get().lock(py)?;
+        let (a, b) = (sides(&this.get().engine, &engine, a)?, sides(&this.get().engine, &engine, b)?);
         for a in &a {
             for b in &b {
                 engine.set_friction(a.clone(), b.clone(), friction).or_raise(py)?;
@@ -340,23 +447,23 @@ impl World {
     }
 
     #[doc = doc!("World.contacts")]
-    fn contacts(&self, py: Python<'_>) -> Contacts {
-        Contacts::of(&self.lock(py))
+    fn contacts(&self, py: Python<'_>) -> PyResult<Contacts> {
+        Ok(Contacts::of(&*self.lock(py)?))
     }
 
     #[doc = doc!("World.contact_problem")]
     #[pyo3(signature = (*, sparse = false))]
     fn contact_problem<'py>(&self, py: Python<'py>, sparse: bool) -> PyResult<Bound<'py, PyAny>> {
-        crate::solver::contact_problem(py, &self.lock(py), sparse)
+        crate::solver::contact_problem(py, &*self.lock(py)?, sparse)
     }
 
     #[doc = doc!("World.state_hash")]
-    fn state_hash(&self, py: Python<'_>) -> u64 {
-        self.lock(py).state_hash()
+    fn state_hash(&self, py: Python<'_>) -> PyResult<u64> {
+        Ok(self.lock(py)?.state_hash())
     }
 
     fn __repr__(&self, py: Python<'_>) -> String {
-        let engine = self.lock(py);
+        let Ok(engine) = self.lock(py) else { return "World(in use by another process)".into() };
         format!("World({} bodies, dt={}, time={:.6})", engine.bodies().len(), engine.parameters().dt, engine.time())
     }
 }

@@ -2,7 +2,7 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use quasirigid::math::{Real, Vec3};
-use quasirigid::surface::moving_least_squares::{Cloud, Kernel, project};
+use quasirigid::surface::implicit::{Cloud, Kernel, project};
 use quasirigid::surface::shapes::sample_sphere;
 use std::hint::black_box;
 

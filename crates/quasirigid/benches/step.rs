@@ -7,8 +7,8 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use quasirigid::StepReport;
 use quasirigid::math::{Pose, Real};
-use quasirigid::report::STAGES;
 use quasirigid::scenes::{GraspOptions, GraspScene};
+use quasirigid::world::report::STAGES;
 use std::hint::black_box;
 use std::time::Duration;
 

@@ -3,7 +3,8 @@
 //! The block is a point mass that the contact alone supports. Over a step `dt` it answers to a force with `W = dt^2/m` in every direction, and without force gravity
 //! moves it by `delta_free = dt^2 g`, seen in the contact frame (normal, tangent1, tangent2).
 
-use quasirigid::gauss_seidel::{Assembled, ContactStatus, Scratch, SolverParameters, check_problem, solve};
+use quasirigid::delassus::{Assembled, ContactStatus};
+use quasirigid::gauss_seidel::{Scratch, SolverParameters, check_problem, solve};
 use quasirigid::math::{Mat3, Real, Vec3};
 
 fn main() -> quasirigid::Result<()> {

@@ -1,7 +1,8 @@
 //! The smallest grasp: two fingertips take a box from a stand and hold it by friction. The README has the same in Python.
 
-use quasirigid::body::{Amount, MassProperties, Material, Motion, RigidBody};
-use quasirigid::gauss_seidel::ContactStatus;
+use quasirigid::body::{Amount, MassProperties, Motion, RigidBody};
+use quasirigid::collider::Material;
+use quasirigid::delassus::ContactStatus;
 use quasirigid::math::{Pose, Real, Rot, Vec3};
 use quasirigid::surface::{Surface, shapes};
 use quasirigid::{Parameters, World};

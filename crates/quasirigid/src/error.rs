@@ -6,7 +6,7 @@ use thiserror::Error;
 pub type Result<T> = std::result::Result<T, Error>;
 
 /// Bad input, caught where it enters. Nothing here is raised while a step runs:
-/// a step reports through [`crate::report::StepReport`].
+/// a step reports through [`crate::world::report::StepReport`].
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -46,6 +46,9 @@ pub enum Error {
         /// What to do.
         hint: String,
     },
+    /// A calculation that somebody ended before its result was there, see [`crate::interrupt::Interrupt`].
+    #[error("interrupted")]
+    Interrupted,
     /// A name that is not in the table it was looked up in.
     #[error("{what}: expected {expected}, got {got}; {hint}")]
     UnknownName {
@@ -66,6 +69,18 @@ pub enum Error {
         /// The kind of handle that fits.
         expected: String,
         /// The handle that came.
+        got: String,
+        /// What to do.
+        hint: String,
+    },
+    /// Bytes that are no snapshot that this version can read, see [`crate::Snapshot::from_bytes`].
+    #[error("{what}: expected {expected}, got {got}; {hint}")]
+    InvalidSnapshot {
+        /// What was read.
+        what: String,
+        /// What would have been accepted.
+        expected: String,
+        /// The version that came, or what is wrong with it.
         got: String,
         /// What to do.
         hint: String,

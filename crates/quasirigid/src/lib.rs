@@ -7,28 +7,30 @@
 //! SI units throughout: m, kg, s, N, Pa, rad. World frame z up.
 
 pub mod body;
+pub mod collider;
 pub mod collision;
 pub mod constrained_motion;
 pub mod contact_problem;
+pub mod control;
+pub mod delassus;
 pub mod error;
 pub mod free_motion;
 pub mod gauss_seidel;
-pub mod grip;
+pub mod interrupt;
+mod linear;
 pub mod math;
+pub mod objects;
+pub mod pair;
 pub mod params;
-pub mod report;
 pub mod scenes;
-pub mod surface;
-pub mod workspace;
-pub mod world;
-mod world_edit;
-mod world_friction;
-mod world_hands;
-
+pub mod slots;
+pub mod solve_system;
 mod step;
+pub mod surface;
+mod threads;
+pub mod world;
 
 pub use error::{Error, Result};
 pub use params::Parameters;
-pub use report::StepReport;
-pub use world::{BodyHandle, HandHandle, World};
-pub use world_friction::FrictionSide;
+pub use world::report::StepReport;
+pub use world::{BodyHandle, ColliderHandle, FrictionSide, HandHandle, Snapshot, World};

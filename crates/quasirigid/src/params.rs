@@ -1,17 +1,18 @@
 //! Every tolerance and limit of the engine: unit, default, and what changes when it is touched.
 
-use crate::body::FrictionRule;
+use crate::collider::FrictionRule;
 use crate::error::{Error, Result, check_finite, check_non_negative, check_positive};
 use crate::gauss_seidel::SolverParameters;
 use crate::math::{Real, Vec3};
+use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// A body that would move, or turn, by more than this in one step before contact forces has gone bad: it is set aside before others can feel it, m or rad.
+/// A body that would move, or turn, by more than this in one step before contact forces has gone bad: it is quarantined before others can feel it, m or rad.
 /// Far above anything in a grasp, so that nobody meets it by chance; far below where squares of numbers overflow.
 pub(crate) const ABSURD_DISPLACEMENT: Real = 100.0;
 
 /// Parameters of a world. Plain data; [`Parameters::check`] is called when a world is made or its parameters are replaced.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Parameters {
     /// Time step, s. Default 1e-3. Larger steps stay stable (all is implicit) but damp motion more.
     pub dt: Real,
@@ -25,7 +26,7 @@ pub struct Parameters {
     /// instead of overlap over `dt`. Lower is gentler and takes longer; infinity removes any overlap in one step, and throws apart what was in it.
     pub push_out_speed: Real,
     /// Sphere tests that collision may spend in a step, shared evenly by the pairs of bodies that are near each other; each gets at least 2,000 (some 15 µs), since with
-    /// less too few contacts are left to hold anything. Default: no limit. When it is spent the traversal stops and the report says `coarse`: patches are then
+    /// less too few contacts are left to hold anything. Default: no limit. When it is spent the traversal stops and the report says `budget_exhausted`: patches are then
     /// made of fewer, larger contacts. They hold as hard, but not as still: which points stand for a patch may change as the bodies move.
     pub traversal_budget: usize,
     /// Sphere tests are done with this much more margin, m, and their result is kept until the two bodies have moved by it. Default 5e-4. Larger means

@@ -5,8 +5,8 @@ use crate::constrained_motion::constrained_motion;
 use crate::contact_problem::contact_problem;
 use crate::free_motion::{StepContext, free_motions};
 use crate::gauss_seidel::{self, SolverParameters};
-use crate::report::{StageTimes, StepReport};
 use crate::world::World;
+use crate::world::report::{StageTimes, StepReport};
 use std::time::{Duration, Instant};
 
 impl World {
@@ -14,29 +14,28 @@ impl World {
     ///
     /// After warm-up a step allocates nothing (with one thread), and the result is the same bits for any number of threads.
     pub fn step(&mut self) -> StepReport {
-        match self.pool.take() {
+        let mut pool = std::mem::take(&mut self.pool);
+        let report = match pool.of_this_process(self.params.threads) {
             None => self.step_here(),
-            Some(pool) => {
-                let report = pool.install(|| self.step_here());
-                self.pool = Some(pool);
-                report
-            }
-        }
+            Some(threads) => threads.install(|| self.step_here()),
+        };
+        self.pool = pool;
+        report
     }
 
     fn step_here(&mut self) -> StepReport {
-        let Self { params, bodies, pairs, friction, workspace: ws, .. } = self;
+        let Self { params, objects, pairs, friction, workspace: ws, .. } = self;
         let mut times = StageTimes::default();
         let start = Instant::now();
         let mut clock = start;
 
-        free_motions(bodies, &StepContext::of(params), &mut ws.free);
+        free_motions(&mut objects.bodies, &StepContext::of(params), &mut ws.free);
         times.free_motion = lap(&mut clock);
 
-        collision(&mut ws.collision, bodies, &ws.free, pairs, friction, params, self.steps);
+        collision(&mut ws.collision, objects, &ws.free, pairs, friction, params, self.steps);
         times.collision = lap(&mut clock);
 
-        contact_problem(&mut ws.problem, &mut ws.collision.contacts, pairs, bodies, &ws.free, params.dt);
+        contact_problem(&mut ws.problem, &mut ws.collision.contacts, pairs, objects, &ws.free, params.dt);
         times.contact_problem = lap(&mut clock);
 
         let problem = &mut ws.problem;
@@ -45,15 +44,15 @@ impl World {
             &mut problem.w,
             &problem.delta_free,
             &problem.mu,
-            &mut problem.reactions,
+            &mut problem.unknowns,
             &mut problem.status,
-            &SolverParameters { foretold: problem.foretold, time_budget, ..params.solver.clone() },
+            &SolverParameters { predicted: problem.predicted, time_budget, ..params.solver.clone() },
             &mut ws.solver,
         );
-        problem.unfinished = if solved.stop.converged() { 0.0 } else { solved.residual };
+        problem.take_solution(&ws.collision.contacts, if solved.stop.converged() { 0.0 } else { solved.residual });
         times.gauss_seidel = lap(&mut clock);
 
-        constrained_motion(&mut ws.motion, bodies, pairs, &ws.collision.contacts, &ws.problem, &ws.free, params);
+        constrained_motion(&mut ws.motion, objects, pairs, &ws.collision.contacts, &ws.problem, &ws.free, params);
         times.constrained_motion = lap(&mut clock);
         ws.motion_time = times.constrained_motion;
 
@@ -64,7 +63,9 @@ impl World {
         times.hierarchy_update = ws.collision.refit_time + ws.motion.hierarchy_time;
         self.steps += 1;
         self.hands_arrived();
-        let quarantined = self.workspace.motion.quarantined.iter().map(|&dense| self.handle_of(dense)).collect();
+        let quarantined = self.workspace.motion.quarantined.iter().map(|&slot| self.body_at(slot)).collect();
+        let handles = |&(a, b): &(u32, u32)| (self.body_at(a), self.body_at(b));
+        let penetrated = self.workspace.collision.penetrated.iter().map(handles).collect();
         StepReport {
             time: self.time(),
             contacts: self.workspace.problem.len(),
@@ -72,9 +73,10 @@ impl World {
             newton_steps: solved.newton_steps,
             residual: solved.residual,
             stop: solved.stop,
-            coarse: self.workspace.collision.coarse,
+            budget_exhausted: self.workspace.collision.budget_exhausted,
             ill_posed: self.workspace.problem.ill_posed,
             quarantined,
+            penetrated,
             times,
         }
     }

@@ -1,7 +1,8 @@
-//! Friction with a grain: the ellipse of slip thresholds, and slip along its normal.
+//! Anisotropic friction: the ellipse of slip thresholds, and slip along its normal.
 
 use quasirigid::Parameters;
-use quasirigid::body::{Friction, FrictionRule, Material, Motion};
+use quasirigid::body::Motion;
+use quasirigid::collider::{Friction, FrictionRule, Material};
 use quasirigid::math::{Real, Rot, Vec3};
 use quasirigid::scenes::Incline;
 
@@ -14,7 +15,7 @@ fn incline(motion: Motion) -> Incline {
     let rubber = Material::preset("rubber").unwrap();
     let params = Parameters { dt: 2e-3, ..Parameters::default() };
     let mut incline = Incline::new(params, &rubber, 0.9, motion).unwrap();
-    let friction = Friction::coulomb(MU_1).unwrap().with_grain(Vec3::x(), MU_2 / MU_1).unwrap();
+    let friction = Friction::coulomb(MU_1).unwrap().with_anisotropy(Vec3::x(), MU_2 / MU_1).unwrap();
     incline.world.set_friction(incline.plane, incline.block, Some(friction)).unwrap();
     incline.run(0.1);
     incline
@@ -100,10 +101,10 @@ fn sliding_block_feels_the_force_of_its_direction() {
 }
 
 #[test]
-fn the_grain_turns_with_its_body() {
-    // The block carries the grain; turned by 90 degrees about z, the easy direction is x.
+fn the_direction_turns_with_its_body() {
+    // The block carries the direction; turned by 90 degrees about z, the easy direction is x.
     let rubber = Material::preset("rubber").unwrap();
-    let friction = Friction::coulomb(MU_1).unwrap().with_grain(Vec3::x(), MU_2 / MU_1).unwrap();
+    let friction = Friction::coulomb(MU_1).unwrap().with_anisotropy(Vec3::x(), MU_2 / MU_1).unwrap();
     for (degrees, holds) in [(0.0_f64, true), (90.0, false)] {
         let mut incline = Incline::new(Parameters::default(), &rubber, 0.9, Motion::Inertial).unwrap();
         incline.world.set_friction(incline.block, incline.plane, Some(friction)).unwrap();
@@ -131,12 +132,12 @@ fn materials_and_rule_decide_where_the_table_is_silent() {
         incline.run(0.1);
         (position(incline) - before).norm() > 1e-3
     };
-    // 0.9 along the grain of both, 0.09 across; both along x.
-    let grained = Friction::coulomb(0.9).unwrap().with_grain(Vec3::x(), 0.1).unwrap();
+    // 0.9 along the direction of both, 0.09 across; both along x.
+    let anisotropic = Friction::coulomb(0.9).unwrap().with_anisotropy(Vec3::x(), 0.1).unwrap();
     for (rule, mu) in [(FrictionRule::GeometricMean, 0.9), (FrictionRule::Product, 0.81), (FrictionRule::Minimum, 0.9)] {
         for (share, expected) in [(0.97, false), (1.03, true)] {
             let params = Parameters { friction_rule: rule, ..Parameters::default() };
-            let mut incline = Incline::new(params, &rubber, grained, Motion::Inertial).unwrap();
+            let mut incline = Incline::new(params, &rubber, anisotropic, Motion::Inertial).unwrap();
             incline.run(0.1);
             assert_eq!(slides(&mut incline, share * mu), expected, "{rule:?} at {share} x {mu}");
         }
@@ -166,7 +167,12 @@ fn entries_about_what_is_not_there_are_refused() {
     let Incline { mut world, plane, block } = Incline::new(Parameters::default(), &rubber, 0.5, Motion::Inertial).unwrap();
     assert!(world.set_friction(block, block, None).is_err());
     assert!(world.set_friction(block, plane, Some(Friction::from(-0.1))).is_err());
-    assert!(world.set_friction(block, "a material that comes later", Some(Friction::from(0.1))).is_ok());
+    let unknown = world.set_friction(block, "rubbr", Some(Friction::from(0.1))).unwrap_err().to_string();
+    assert!(unknown.contains("'rubbr'") && unknown.contains("rubber"), "{unknown}");
+    let later = Material { name: "one that comes later".into(), ..Material::preset("rubber").unwrap() };
+    assert!(world.set_friction(block, "one that comes later", None).is_err());
+    assert!(world.set_friction(block, &later, Some(Friction::from(0.1))).is_ok());
+    assert!(world.set_friction(block, "one that comes later", None).is_ok());
     world.remove_body(block).unwrap();
     assert!(world.set_friction(block, "rubber", None).is_err());
 }

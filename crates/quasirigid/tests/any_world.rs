@@ -1,11 +1,12 @@
-//! The laws hold in any world: random bodies of random materials, thrown at each other and at the ground, or put into one another.
+//! The laws hold in any world: random bodies of random materials, thrown at each other and at the ground, or put into one another. And whatever they do, a copy does the same.
 
 use proptest::prelude::*;
-use quasirigid::body::{Amount, ComplianceModel, MassProperties, Material, Motion, RigidBody};
-use quasirigid::gauss_seidel::Stop;
+use quasirigid::body::{Amount, MassProperties, Motion, PoseDrive, RigidBody};
+use quasirigid::collider::{ComplianceModel, Filter, Material};
+use quasirigid::gauss_seidel::{SolverParameters, Stop};
 use quasirigid::math::{Pose, Real, Rot, Vec3};
 use quasirigid::surface::{PointSurface, Surface, shapes};
-use quasirigid::{BodyHandle, Parameters, World};
+use quasirigid::{BodyHandle, Parameters, Snapshot, World};
 use std::sync::Arc;
 
 const GRAVITY: Vec3 = Vec3::new(0.0, 0.0, -9.81);
@@ -123,5 +124,95 @@ proptest! {
         }
         // Nothing drives them: where none was put into another, contact and steps take energy only.
         prop_assert!(heaped || most <= start, "energy grew by {:e} J to {most:e} J", most - start);
+    }
+}
+
+/// How many random worlds are taken back: a few in every run of the tests, a thousand in `make fuzz`.
+fn worlds_taken_back() -> u32 {
+    std::env::var("QUASIRIGID_WORLDS").map_or(6, |count| count.parse().expect("QUASIRIGID_WORLDS is a number of worlds"))
+}
+
+/// A second surface on a body: on which, of what size, and whom it meets.
+#[derive(Debug, Clone)]
+struct Second {
+    body: usize,
+    size: Real,
+    filter: Filter,
+    /// Whether the first surface of the body does not meet the ground.
+    excluded: bool,
+    /// Whether it is taken off halfway.
+    removed: bool,
+}
+
+fn second() -> impl Strategy<Value = Second> {
+    let filter = prop_oneof![Just(Filter::default()), Just(Filter { group: 2, mask: 1 }), Just(Filter { group: 0, mask: u32::MAX })];
+    (0usize..4, 0.5..1.5f64, filter, any::<bool>(), any::<bool>()).prop_map(|(body, size, filter, excluded, removed)| Second {
+        body,
+        size,
+        filter,
+        excluded,
+        removed,
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: worlds_taken_back(), failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_world_that_is_restored_or_read_from_bytes_goes_on_bit_by_bit(
+        things in prop::collection::vec(thing(), 1..5), ground in 0usize..64, dt in prop_oneof![Just(5e-4), Just(1e-3), Just(4e-3)], heaped in any::<bool>(),
+        collision_every in prop_oneof![Just(1u32), Just(4)], at in 0usize..60, removed in prop::option::of(0usize..4), bad in prop::option::weighted(0.2, 0usize..4),
+        second in prop::option::of(second()),
+    ) {
+        const MORE: usize = 500;
+        let cell = if heaped { 0.01 } else { 0.05 };
+        let (mut world, bodies) = make_world(&things, ground, dt, cell, 1);
+        // Few sweeps: a stiff heap at its cap would take minutes, and where a solve ends is the same every time.
+        let solver = SolverParameters { max_sweeps: 60, ..world.parameters().solver.clone() };
+        world.set_parameters(Parameters { collision_every, solver, ..world.parameters().clone() }).unwrap();
+        if let Some(bad) = bad.and_then(|bad| bodies.get(bad)) {
+            world.body_mut(*bad).unwrap().set_velocity(Vec3::new(1e9, 0.0, 0.0), Vec3::zeros()).unwrap();
+        }
+        if let Some(drive) = bodies.first() {
+            let drive_to = PoseDrive::new(Pose::translation(0.0, 0.0, 0.02), [20.0, 0.02], [1.0, 0.001]).unwrap();
+            world.body_mut(*drive).unwrap().set_drive(Some(drive_to)).unwrap();
+        }
+        let mut collider = None;
+        if let Some((second, body)) = second.as_ref().and_then(|second| Some((second, *bodies.get(second.body)?))) {
+            let surface = Arc::new(Surface::build(shapes::sample_sphere(0.5 * SIZE * second.size, 240).unwrap(), Some(60)).unwrap());
+            let first = world.colliders_of(body).unwrap()[0];
+            if second.excluded {
+                let ground = world.colliders()[0];
+                world.exclude_pair(first, ground).unwrap();
+            }
+            collider = Some((world.add_collider(body, 0, surface, material(ground, false), second.filter).unwrap(), second.removed));
+        }
+        for step in 0..at {
+            if let (true, Some((collider, true))) = (step == at / 3, collider) {
+                world.remove_collider(collider).unwrap();
+            }
+            if let (true, Some(gone)) = (step == at / 2, removed.and_then(|gone| bodies.get(gone))) {
+                world.remove_body(*gone).unwrap();
+            }
+            world.step();
+        }
+        let snapshot = world.snapshot();
+        let bytes = snapshot.to_bytes().unwrap();
+        let read = Snapshot::from_bytes(&bytes).unwrap();
+        prop_assert!(read == snapshot, "read from {} bytes it is another", bytes.len());
+        // The copy has two threads.
+        let mut copy = World::from_snapshot(&read).unwrap();
+        copy.set_parameters(Parameters { threads: 2, ..copy.parameters().clone() }).unwrap();
+        let mut hashes = vec![world.state_hash()];
+        for _ in 0..MORE {
+            world.step();
+            hashes.push(world.state_hash());
+        }
+        world.restore(&snapshot);
+        for (step, hash) in hashes.iter().enumerate() {
+            prop_assert_eq!([world.state_hash(), copy.state_hash()], [*hash; 2], "other bits {} steps later", step);
+            world.step();
+            copy.step();
+        }
     }
 }

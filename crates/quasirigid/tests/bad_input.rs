@@ -1,13 +1,15 @@
 //! Bad input: every public constructor and setter refuses what makes no sense, with a typed error that says what was expected, what came, and what to do.
 
-use quasirigid::body::inverse_kinematics::{IkOptions, TipGoal, inverse_kinematics};
-use quasirigid::body::{Amount, ComplianceModel, Finger, FingerModel, HandModel, MassProperties, Material, Motion, PoseDrive, RigidBody};
+use quasirigid::body::{Amount, Finger, FingerModel, HandModel, MassProperties, Motion, PoseDrive, RigidBody};
+use quasirigid::collider::{ComplianceModel, Material};
+use quasirigid::control::grip::{Grip, PadPath};
+use quasirigid::control::inverse_kinematics::{IkOptions, TipGoal, inverse_kinematics};
+use quasirigid::delassus::Assembled;
 use quasirigid::free_motion::StepContext;
-use quasirigid::gauss_seidel::{Assembled, SolverParameters, check_problem};
-use quasirigid::grip::{Grip, PadPath};
+use quasirigid::gauss_seidel::{SolverParameters, check_problem};
 use quasirigid::math::{Mat3, Pose, Real, Rot, Vec3};
 use quasirigid::scenes::{GraspOptions, GraspScene, Incline, Pinch, PinchOptions};
-use quasirigid::surface::kernel::Kernel;
+use quasirigid::surface::implicit::kernel::Kernel;
 use quasirigid::surface::{PointSurface, Surface, shapes};
 use quasirigid::{Error, Parameters, Result, World};
 

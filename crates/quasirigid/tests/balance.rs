@@ -3,8 +3,9 @@
 #[path = "common/matrices.rs"]
 mod matrices;
 
-use quasirigid::body::{Amount, ComplianceModel, MassProperties, Material, Motion, PoseDrive, RigidBody};
-use quasirigid::gauss_seidel::Delassus;
+use quasirigid::body::{Amount, MassProperties, Motion, PoseDrive, RigidBody};
+use quasirigid::collider::{ComplianceModel, Material};
+use quasirigid::delassus::Delassus;
 use quasirigid::math::{Pose, Real, Rot, Vec3};
 use quasirigid::scenes::{GraspOptions, GraspScene, Pinch, PinchOptions};
 use quasirigid::surface::{Surface, shapes};
@@ -28,7 +29,7 @@ fn pinch(model: Option<ComplianceModel>) -> Pinch {
 
 /// Torque of the contact forces on a body about `center`, N m.
 fn contact_torque_on(world: &World, body: BodyHandle, center: &Vec3) -> Vec3 {
-    let dense = world.dense(body).unwrap() as u32;
+    let dense = body.slot();
     let torques = world.contacts().iter().zip(&world.contact_problem().reactions).map(|(contact, f)| {
         let sign = Real::from(u8::from(contact.body_a == dense)) - Real::from(u8::from(contact.body_b == dense));
         (contact.point - center).cross(&(contact.frame * f)) * sign
@@ -134,7 +135,7 @@ fn contact_torques_of_a_finger_are_those_of_its_contact_forces() {
     scene.world.step();
     for (k, before) in poses.iter().enumerate() {
         let handle = scene.world.finger_handle(scene.hand, k).unwrap();
-        let dense = scene.world.dense(handle).unwrap() as u32;
+        let dense = handle.slot();
         let body = quasirigid::body::Body::Finger(before.clone());
         let mut torques = quasirigid::math::Vec6::zeros();
         for (contact, f) in scene.world.contacts().iter().zip(&scene.world.contact_problem().reactions) {
@@ -188,9 +189,9 @@ fn assembled_operator_is_the_matrix_free_one_symmetric_and_positive() {
     }
 }
 
-/// Gap and slip that a contact problem foretold against those of the step that followed, for a soft pad that presses, slides and turns on a plate.
+/// Gap and slip that a contact problem predicted against those of the step that followed, for a soft pad that presses, slides and turns on a plate.
 /// Returns the worst errors (m) of gap and slip over all steps and loaded contacts, and the largest displacement of a step (m).
-fn foretold_against_done(model: ComplianceModel, dt: Real) -> (Real, Real, Real) {
+fn predicted_against_done(model: ComplianceModel, dt: Real) -> (Real, Real, Real) {
     let mut world = World::new(Parameters { dt, gravity: Vec3::zeros(), ..Parameters::default() }).unwrap();
     let pulp = Material::preset("fingertip_pulp").unwrap().with_friction(0.6).unwrap().with_model(model).unwrap();
     let rubber = Material::preset("rubber").unwrap().with_friction(0.6).unwrap();
@@ -209,9 +210,8 @@ fn foretold_against_done(model: ComplianceModel, dt: Real) -> (Real, Real, Real)
 
     let (mut worst_gap, mut worst_slip, mut largest): (Real, Real, Real) = (0.0, 0.0, 0.0);
     let state = |world: &World| {
-        let [a, b] = [fingertip, slab].map(|h| world.dense(h).unwrap());
-        let poses = [a, b].map(|k| world.bodies()[k].body.link_pose(0));
-        let u = [a, b].map(|k| world.bodies()[k].skin.as_ref().unwrap().displacement.clone());
+        let poses = [fingertip, slab].map(|body| *world.body(body).unwrap().pose());
+        let u = [fingertip, slab].map(|body| world.skin(body).unwrap().unwrap().displacement.clone());
         (poses, u)
     };
     for k in 0..(0.2 / dt) as usize {
@@ -229,9 +229,9 @@ fn foretold_against_done(model: ComplianceModel, dt: Real) -> (Real, Real, Real)
         let problem = world.contact_problem();
         let mut w = problem.w.clone();
         w.set_reactions(&problem.reactions);
-        let control = &world.bodies()[world.dense(fingertip).unwrap()].skin.as_ref().unwrap().surface.control;
+        let control = &world.skin(fingertip).unwrap().unwrap().surface.control;
         for (i, contact) in world.contacts().iter().enumerate().filter(|(i, _)| problem.reactions[*i].x > 0.0) {
-            assert_eq!(contact.body_a as usize, world.dense(fingertip).unwrap(), "the pad is the finer side");
+            assert_eq!(contact.body_a, fingertip.slot(), "the pad is the finer side");
             let delta = w.displacement(i) + problem.delta_free[i];
             // The two material points, followed by hand. That of the plate is the foot of the contact.
             let c = contact.control_point as usize;
@@ -257,8 +257,8 @@ fn foretold_against_done(model: ComplianceModel, dt: Real) -> (Real, Real, Real)
 fn contact_problem_foretells_gap_and_slip_to_second_order() {
     let pulp = Material::preset("fingertip_pulp").unwrap();
     for model in [pulp.local().unwrap(), ComplianceModel::HalfSpace] {
-        let coarse = foretold_against_done(model.clone(), 2e-3);
-        let fine = foretold_against_done(model.clone(), 1e-3);
+        let coarse = predicted_against_done(model.clone(), 2e-3);
+        let fine = predicted_against_done(model.clone(), 1e-3);
         println!(
             "{model:?}: gap {:.1e} -> {:.1e} m, slip {:.1e} -> {:.1e} m, in steps of {:.1e} m",
             coarse.0, fine.0, coarse.1, fine.1, fine.2

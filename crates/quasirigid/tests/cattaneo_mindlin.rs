@@ -4,7 +4,7 @@
 mod closed_forms;
 
 use closed_forms::{DEPTH, Elastic, Hertz, RIGID, indentation, spacing};
-use quasirigid::gauss_seidel::ContactStatus;
+use quasirigid::delassus::ContactStatus;
 use quasirigid::math::{Real, Vec3};
 use quasirigid::scenes::Indentation;
 

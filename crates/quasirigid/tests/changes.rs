@@ -1,7 +1,8 @@
 //! Changes between two steps: materials that change while they touch, bodies that are taken out, handles of another world. What is not touched by a change goes on as if
 //! nothing had happened.
 
-use quasirigid::body::{Amount, ComplianceModel, MassProperties, Material, Motion, RigidBody};
+use quasirigid::body::{Amount, MassProperties, Motion, RigidBody};
+use quasirigid::collider::{ComplianceModel, Material};
 use quasirigid::math::{Pose, Real, Vec3};
 use quasirigid::scenes::{Pinch, PinchOptions};
 use quasirigid::surface::{PointSurface, Surface, shapes};
@@ -30,7 +31,7 @@ fn force(pinch: &Pinch) -> Real {
 fn a_material_that_forgets_sooner_presses_as_before() {
     let mut pinch = held(&stuff("wood"));
     let before = force(&pinch);
-    let pulp = pinch.world.entry(pinch.pads[0]).unwrap().skin.as_ref().unwrap().material.clone();
+    let pulp = pinch.world.skin(pinch.pads[0]).unwrap().unwrap().material.clone();
     for tau in [0.0, 0.2, pulp.relaxation_time] {
         let material = pulp.clone().with_relaxation_time(tau).unwrap();
         pinch.pads.iter().for_each(|&pad| pinch.world.set_material(pad, &material).unwrap());
@@ -82,7 +83,7 @@ fn an_object_that_becomes_soft_yields_and_one_that_becomes_hard_does_not() {
         made.run(0.5);
         let (changed, wanted) = (force(&pinch), force(&made));
         let deepest = |pinch: &Pinch| {
-            let skin = pinch.world.entry(pinch.object).unwrap().skin.as_ref().unwrap();
+            let skin = pinch.world.skin(pinch.object).unwrap().unwrap();
             skin.displacement.iter().map(|u| u.norm()).fold(0.0, Real::max)
         };
         println!("{changed:.3} N against {wanted:.3} N, yields {:.1e} m against {:.1e} m", deepest(&pinch), deepest(&made));

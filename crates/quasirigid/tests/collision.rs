@@ -1,10 +1,11 @@
 //! Collision: every control point that touches is found, once, from the finer side, under a stable key; a small budget makes it coarser, and says so.
 
-use quasirigid::body::{Amount, ComplianceModel, MassProperties, Material, Motion, PoseDrive, RigidBody};
-use quasirigid::collision::Contact;
+use quasirigid::body::{Amount, MassProperties, Motion, PoseDrive, RigidBody};
+use quasirigid::collider::{ComplianceModel, Material};
 use quasirigid::math::{Pose, Real, Rot, Vec3};
+use quasirigid::pair::Contact;
 use quasirigid::scenes::{GraspOptions, GraspScene, Pinch, PinchOptions};
-use quasirigid::surface::moving_least_squares::{Cloud, project};
+use quasirigid::surface::implicit::{Cloud, project};
 use quasirigid::surface::{PointSurface, Surface, shapes};
 use quasirigid::{BodyHandle, Parameters, World};
 use std::collections::BTreeMap;
@@ -79,7 +80,7 @@ fn every_control_point_within_the_margin_is_found() {
                 };
                 let (mut world, pad, object) = pressed(fingertip(2_400), 320, pose, object.clone(), leaves, Parameters::default());
                 let truth = {
-                    let [a, b] = [pad, object].map(|h| world.entry(h).unwrap().skin.as_ref().unwrap().surface.clone());
+                    let [a, b] = [pad, object].map(|h| world.skin(h).unwrap().unwrap().surface.clone());
                     brute_force(&a, &pose, &b, &Pose::identity())
                 };
                 world.step();
@@ -111,7 +112,7 @@ fn a_control_point_has_one_contact_and_a_pair_is_sampled_from_the_finer_side() {
     assert!(keys.windows(2).all(|w| w[0] < w[1]), "contacts are ordered by key and no key comes twice");
     let mut sides = BTreeMap::new();
     for contact in world.contacts() {
-        let spacing = |body: u32| world.bodies()[body as usize].skin.as_ref().unwrap().surface.control.spacing;
+        let spacing = |body: u32| world.skin(world.handle_of(body as usize)).unwrap().unwrap().surface.control.spacing;
         assert!(spacing(contact.body_a) <= spacing(contact.body_b), "control points are those of the finer side");
         let pair = (contact.body_a.min(contact.body_b), contact.body_a.max(contact.body_b));
         assert_eq!(*sides.entry(pair).or_insert(contact.body_a), contact.body_a, "one side for each pair");
@@ -157,7 +158,7 @@ fn a_small_budget_gives_fewer_contacts_that_press_as_hard_and_says_so() {
             let mut report = world.step();
             for _ in 0..150 {
                 report = world.step();
-                coarse &= report.coarse;
+                coarse &= report.budget_exhausted;
             }
             assert!(report.converged(), "budget {budget}: {:?}", report.stop);
             (world.contact_force_on(pad).unwrap().z, report.contacts, coarse)
@@ -192,7 +193,7 @@ fn a_box_is_held_however_small_the_budget() {
         let at = pinch.world.body(pinch.object).unwrap().pose().translation.vector;
         let least = reports.iter().map(|report| report.contacts).min();
         println!("budget {budget}: at least {least:?} contacts, the box is at {at:?}");
-        assert!(reports.iter().all(|report| report.coarse), "budget {budget}: does not say that it is coarse");
+        assert!(reports.iter().all(|report| report.budget_exhausted), "budget {budget}: does not say that it is coarse");
         assert!(at.norm() < 1e-3, "budget {budget}: the box is at {at:?}");
     }
     let params = Parameters { traversal_budget: 200, ..Parameters::default() };

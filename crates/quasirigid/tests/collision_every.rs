@@ -1,6 +1,7 @@
 //! Looking at the surfaces only in every fourth step changes next to nothing: what is held does not creep, and what rolls and slides feels the same force.
 
-use quasirigid::body::{Amount, MassProperties, Material, Motion, PoseDrive, RigidBody};
+use quasirigid::body::{Amount, MassProperties, Motion, PoseDrive, RigidBody};
+use quasirigid::collider::Material;
 use quasirigid::math::{Pose, Real, Rot, Vec3};
 use quasirigid::scenes::{Pinch, PinchOptions};
 use quasirigid::surface::{Surface, shapes};

@@ -4,7 +4,7 @@
 mod matrices;
 
 use matrices::as_matrix;
-use quasirigid::body::{ComplianceModel, Material};
+use quasirigid::collider::{ComplianceModel, Material};
 use quasirigid::gauss_seidel::SolverParameters;
 use quasirigid::math::{Real, Vec3};
 use quasirigid::scenes::{Indentation, IndentationOptions};

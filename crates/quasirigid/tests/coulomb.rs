@@ -1,7 +1,8 @@
 //! Coulomb: sticking up to mu N, sliding beyond, against the direction of motion. Within 1 %, directions within 1 degree.
 
-use quasirigid::body::{Material, Motion};
-use quasirigid::gauss_seidel::ContactStatus;
+use quasirigid::body::Motion;
+use quasirigid::collider::Material;
+use quasirigid::delassus::ContactStatus;
 use quasirigid::math::{Real, Vec3};
 use quasirigid::scenes::{Incline, Pinch, PinchOptions};
 use quasirigid::{Parameters, World};
@@ -14,7 +15,7 @@ fn pinch(motion: Motion, half_space: bool) -> Pinch {
     options.box_points = (4_800, 640);
     options.pad_points = (900, 120);
     if half_space {
-        options.pad_material = options.pad_material.with_model(quasirigid::body::ComplianceModel::HalfSpace).unwrap();
+        options.pad_material = options.pad_material.with_model(quasirigid::collider::ComplianceModel::HalfSpace).unwrap();
     }
     let mut pinch = Pinch::new(&options).unwrap();
     pinch.squeeze(3.0).unwrap();

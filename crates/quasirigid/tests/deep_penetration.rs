@@ -1,7 +1,8 @@
 //! Deep penetration: bodies that were put into each other come out on the near side, no faster than the push-out speed: next to no energy where they overlap by millimetres,
 //! though it may be most of what an overlap of tenths is worth; a jump into a body gives no more than it took.
 
-use quasirigid::body::{Amount, ComplianceModel, MassProperties, Material, Motion, RigidBody};
+use quasirigid::body::{Amount, MassProperties, Motion, RigidBody};
+use quasirigid::collider::{ComplianceModel, Material};
 use quasirigid::math::{Pose, Real, Rot, Vec3};
 use quasirigid::scenes::{GraspOptions, GraspScene};
 use quasirigid::surface::{PointSurface, Surface, shapes};
@@ -50,7 +51,7 @@ fn mechanical(world: &World, handle: BodyHandle) -> Real {
 
 /// Elastic energy of a skin of springs: `1/2 k sum A |u|^2`, J.
 fn elastic(world: &World, handle: BodyHandle) -> Real {
-    let skin = world.entry(handle).unwrap().skin.as_ref().unwrap();
+    let skin = world.skin(handle).unwrap().unwrap();
     let held = |(u, area): (&Vec3, &Real)| 0.5 * FOUNDATION * area * u.norm_squared();
     skin.displacement.iter().zip(&skin.surface.control.areas).map(held).sum()
 }
@@ -58,7 +59,7 @@ fn elastic(world: &World, handle: BodyHandle) -> Real {
 /// Depth of every undeformed control point of the pad in a box of edges `size`, with its area; nothing for those outside.
 fn overlaps(world: &World, pad: BodyHandle, object: BodyHandle, size: &Vec3) -> Vec<(Real, Real)> {
     let pose = world.body(object).unwrap().pose().inverse() * world.body(pad).unwrap().pose();
-    let control = &world.entry(pad).unwrap().skin.as_ref().unwrap().surface.control;
+    let control = &world.skin(pad).unwrap().unwrap().surface.control;
     let depth = |p: &Vec3| (0.5 * size - (pose.rotation * p + pose.translation.vector).abs()).min();
     control.points.iter().map(depth).zip(control.areas.iter().copied()).filter(|(depth, _)| *depth > 0.0).collect()
 }
@@ -108,7 +109,7 @@ fn a_fingertip_put_into_a_box_pushes_it_out_of_the_near_side_with_no_more_energy
 }
 
 #[test]
-fn a_swallowed_ball_comes_out_of_the_nearest_face() {
+fn a_fully_penetrated_ball_comes_out_of_the_nearest_face() {
     let mut world = world(0.0);
     let size = Vec3::repeat(EDGE);
     let object = add_box(&mut world, size, 4_800, 0.2, Pose::identity());
@@ -204,7 +205,7 @@ fn where_nothing_overlaps_the_push_out_speed_changes_no_bit() {
         assert!(scene.close(3.0).unwrap());
         scene.remove_support().unwrap();
         scene.run(0.3).unwrap();
-        scene.world.state_hash()
+        scene.world.motion_hash()
     };
     assert_eq!(hash(Parameters::default().push_out_speed), hash(Real::INFINITY));
 }

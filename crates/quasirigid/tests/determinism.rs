@@ -4,7 +4,7 @@
 mod matrices;
 
 use quasirigid::Parameters;
-use quasirigid::body::{ComplianceModel, Friction};
+use quasirigid::collider::{ComplianceModel, Friction};
 use quasirigid::math::Vec3;
 use quasirigid::scenes::{GraspOptions, GraspScene};
 
@@ -21,7 +21,7 @@ fn hashes(threads: usize, half_space: bool, slippery: bool, matrix: bool) -> (Ve
     }
     if slippery {
         let friction = Friction::coulomb(0.8).and_then(|f| f.with_kinetic(0.4, 1e-3)).and_then(|f| f.with_viscous(1e3)).unwrap();
-        options.object_material = options.object_material.with_friction(friction.with_grain(Vec3::z(), 0.5).unwrap()).unwrap();
+        options.object_material = options.object_material.with_friction(friction.with_anisotropy(Vec3::z(), 0.5).unwrap()).unwrap();
     }
     if matrix {
         options.object_points = (1_600, 200);
@@ -39,7 +39,7 @@ fn hashes(threads: usize, half_space: bool, slippery: bool, matrix: bool) -> (Ve
             }
             let report = scene.step().unwrap();
             most = most.max(report.contacts);
-            scene.world.state_hash()
+            scene.world.motion_hash()
         })
         .collect();
     (hashes, most)

@@ -1,7 +1,8 @@
 //! Edges, corners, rims and thin plates: what is pressed on them rests, every contact belongs to one of the faces that meet there, and what slides over them neither snags
 //! nor jumps.
 
-use quasirigid::body::{Amount, ComplianceModel, MassProperties, Material, Motion, PoseDrive, RigidBody};
+use quasirigid::body::{Amount, MassProperties, Motion, PoseDrive, RigidBody};
+use quasirigid::collider::{ComplianceModel, Material};
 use quasirigid::math::{Pose, Real, Rot, Vec3};
 use quasirigid::scenes::{Pinch, PinchOptions};
 use quasirigid::surface::{PointSurface, Surface, shapes};
@@ -114,7 +115,7 @@ fn a_thin_plate_pinched_by_its_faces_is_held_and_its_sides_do_not_mix() {
             assert!(fallen < 5e-4 && drift < 1e-9 && spin < 1e-8, "{what}: fell by {fallen} m, {drift:e} m/s, {spin:e} rad/s");
             for contact in pinch.world.contacts() {
                 // Where the plate has the finer points, the pads' own normals are meant.
-                if contact.body_b == pinch.world.dense(pinch.object).unwrap() as u32 {
+                if contact.body_b == pinch.object.slot() {
                     let plate = pinch.world.body(pinch.object).unwrap().pose();
                     let normal: Vec3 = plate.rotation.inverse() * Vec3::from(contact.frame.column(0));
                     let side = plate.inverse_transform_point(&contact.point.into()).x.signum();

@@ -1,7 +1,8 @@
 //! Hold: an object inside the friction cone does not creep, ever. After settling it moves less than 1 nm/s and turns less than 10 nrad/s; and what is turned about by the hand
 //! that holds it is afterwards where it was in the hand.
 
-use quasirigid::body::{ComplianceModel, Material, Motion, RigidBody};
+use quasirigid::body::{Motion, RigidBody};
+use quasirigid::collider::{ComplianceModel, Material};
 use quasirigid::math::{Pose, Real, Rot, Vec3};
 use quasirigid::scenes::{GraspOptions, GraspScene, Pinch, PinchOptions};
 use quasirigid::{BodyHandle, Parameters, World};
@@ -222,8 +223,11 @@ fn two_boxes_that_are_turned_about_side_by_side_stay_together() {
     // The second box is a copy of the first beside it; the pads move out to make room.
     let mut pinch = Pinch::new(&options).unwrap();
     let first = pinch.object;
-    let entry = pinch.world.entry(first).unwrap().clone();
-    let skin = entry.skin.map(|skin| (skin.surface.clone(), Material::preset("rubber").unwrap().with_friction(0.9).unwrap()));
+    let skin = pinch
+        .world
+        .skin(first)
+        .unwrap()
+        .map(|skin| (skin.surface.clone(), Material::preset("rubber").unwrap().with_friction(0.9).unwrap()));
     let mass = *pinch.world.body(first).unwrap().mass_properties();
     let body = RigidBody::free("second", mass, Motion::QuasiStatic, Pose::translation(0.02, 0.0, 0.0)).unwrap();
     let second = pinch.world.add_body(body, skin).unwrap();

@@ -1,6 +1,7 @@
 //! Odd and deep situations: whatever is asked of it, a world stays finite and no call panics.
 
-use quasirigid::body::{Amount, ComplianceModel, MassProperties, Material, Motion, PoseDrive, RigidBody};
+use quasirigid::body::{Amount, MassProperties, Motion, PoseDrive, RigidBody};
+use quasirigid::collider::{ComplianceModel, Material};
 use quasirigid::gauss_seidel::Stop;
 use quasirigid::math::{Pose, Real, Rot, Vec3};
 use quasirigid::scenes::{GraspOptions, GraspScene, Pinch, PinchOptions};
@@ -12,16 +13,17 @@ fn assert_finite(what: &str, world: &World, report: &StepReport) {
     for entry in world.bodies() {
         let mut finite = true;
         entry.body.state().for_each_number(|x| finite &= x.is_finite());
-        finite &= entry
-            .skin
-            .iter()
-            .flat_map(|skin| skin.deformed_points().into_iter().chain(skin.displacement.iter().copied()))
-            .all(|u| u.iter().all(|x| x.is_finite()));
         assert!(finite, "{what}: {} at {} s", entry.body.name(), report.time);
+    }
+    for collider in world.colliders() {
+        let side = world.side(collider).unwrap();
+        let skin = &side.collider.skin;
+        let mut numbers = skin.deformed_points().into_iter().chain(skin.displacement.iter().copied());
+        assert!(numbers.all(|u| u.iter().all(|x| x.is_finite())), "{what}: surface of {} at {} s", side.body.body.name(), report.time);
     }
     assert!(world.contact_problem().reactions.iter().all(|f| f.iter().all(|x| x.is_finite())), "{what}: reactions at {} s", report.time);
     assert_ne!(report.stop, Stop::NonFinite, "{what} at {} s", report.time);
-    assert!(report.quarantined.is_empty(), "{what}: {:?} set aside at {} s", report.quarantined, report.time);
+    assert!(report.quarantined.is_empty(), "{what}: {:?} quarantined at {} s", report.quarantined, report.time);
 }
 
 /// Repeatable noise in -1..1.

@@ -2,7 +2,8 @@
 //!
 //! The coarsest patches have a dozen closed contacts; with fewer the change is larger (4 % from 18 to 70 contacts of an elongated pad, seen in a trial).
 
-use quasirigid::body::{Amount, ComplianceModel, MassProperties, Material, Motion, PoseDrive, RigidBody};
+use quasirigid::body::{Amount, MassProperties, Motion, PoseDrive, RigidBody};
+use quasirigid::collider::{ComplianceModel, Material};
 use quasirigid::math::{Pose, Real, Rot, Vec3};
 use quasirigid::surface::{PointSurface, Surface, shapes};
 use quasirigid::{Parameters, World};

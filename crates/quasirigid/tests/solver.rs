@@ -4,9 +4,8 @@
 mod problems;
 
 use problems::{DT, Pad, Problem, SOFT, Solution, free_body_rows, grasp, incline, support};
-use quasirigid::gauss_seidel::{
-    Assembled, ContactStatus, Delassus, MatrixFree, NO_BODY, Scratch, SolverParameters, Stop, check_problem, natural_map_residual, solve,
-};
+use quasirigid::delassus::{Assembled, ContactStatus, Delassus, MatrixFree, NO_BODY, natural_map_residual};
+use quasirigid::gauss_seidel::{Scratch, SolverParameters, Stop, check_problem, solve};
 use quasirigid::math::{Mat3, Mat3x6, Real, Vec3, contact_frame};
 use std::time::Duration;
 

@@ -1,9 +1,10 @@
 //! Sphere trees: leaves cover the surface without holes, at rest and deformed; control areas add up; the number of leaves is the one asked for.
 
 use proptest::prelude::*;
-use quasirigid::body::{Amount, MassProperties, Material, Motion, RigidBody, Skin, Sphere};
+use quasirigid::body::{Amount, MassProperties, Motion, RigidBody};
+use quasirigid::collider::{Material, Skin, Sphere};
 use quasirigid::math::{Pose, Real, Vec3};
-use quasirigid::surface::neighbours::NeighbourGrid;
+use quasirigid::surface::search::neighbours::NeighbourGrid;
 use quasirigid::surface::{PointSurface, Surface, shapes};
 use quasirigid::{Parameters, World};
 use std::sync::Arc;
@@ -96,8 +97,8 @@ fn deformed_leaves_cover_the_deformed_surface_at_every_refit_level() {
                         skin.add_displacement(c as u32, &u);
                     }
                 }
-                skin.deform(&params);
-                skin.refit(&params);
+                skin.deform(params.deformation_threshold);
+                skin.refit(params.refit_level);
                 let deformed = skin.deformed_points();
                 let what = format!("{name}, refit to level {refit_level}, dent of {depth} m");
                 let moved = deformed.iter().zip(&surface.points).map(|(a, b)| (a - b).norm()).fold(0.0, Real::max);
@@ -125,8 +126,8 @@ fn a_pressed_pad_stays_covered() {
     let body = RigidBody::free("ball", mass, Motion::QuasiStatic, Pose::translation(0.0, 0.0, 0.01)).unwrap();
     let ball_handle = world.add_body(body, Some((ball.clone(), Material::preset("fingertip_pulp").unwrap()))).unwrap();
     (0..200).for_each(|_| drop(world.step()));
-    let mut skin = world.entry(ball_handle).unwrap().skin.clone().unwrap();
-    skin.refit(world.parameters());
+    let mut skin = world.skin(ball_handle).unwrap().unwrap().clone();
+    skin.refit(world.parameters().refit_level);
     let deformed = skin.deformed_points();
     let moved = deformed.iter().zip(&ball.points).map(|(a, b)| (a - b).norm()).fold(0.0, Real::max);
     let worst = worst_outside(&ball, &deformed, &skin.spheres);

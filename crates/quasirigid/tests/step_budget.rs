@@ -1,7 +1,8 @@
 //! Steps that have to end in time: what the solver leaves unfinished in one step it goes on with in the next. Nothing gains energy, nothing held is dropped or creeps, and what comes to
 //! rest does so where it would have without a limit.
 
-use quasirigid::body::{Amount, MassProperties, Material, Motion, RigidBody};
+use quasirigid::body::{Amount, MassProperties, Motion, RigidBody};
+use quasirigid::collider::Material;
 use quasirigid::gauss_seidel::Stop;
 use quasirigid::math::{Pose, Real, Rot, Vec3};
 use quasirigid::scenes::grasp::{GraspOptions, GraspScene};

@@ -1,6 +1,7 @@
 //! Static and kinetic friction: slip begins at mu_s, goes on at mu_k, and a stuck contact stays where it is.
 
-use quasirigid::body::{Friction, Material, Motion, PoseDrive};
+use quasirigid::body::{Motion, PoseDrive};
+use quasirigid::collider::{Friction, Material};
 use quasirigid::math::{Pose, Real, Vec3, Vec6};
 use quasirigid::scenes::{Incline, Pinch, PinchOptions};
 use quasirigid::{BodyHandle, Parameters, World};

@@ -4,7 +4,7 @@
 
 use quasirigid::math::{Real, Vec3};
 use quasirigid::surface::PointSurface;
-use quasirigid::surface::moving_least_squares::{Cloud, Kernel, Projection, project};
+use quasirigid::surface::implicit::{Cloud, Kernel, Projection, project};
 use quasirigid::surface::shapes::{sample_box, sample_half_space, sample_sphere};
 
 const MAX_ITERATIONS: u32 = 30;

@@ -1,6 +1,7 @@
 //! Thin walls: what comes at a plate as thick as a step is long does not go through it, whatever the phase of the step, the angle, and who is soft or light.
 
-use quasirigid::body::{Amount, MassProperties, Material, Motion, PoseDrive, RigidBody};
+use quasirigid::body::{Amount, MassProperties, Motion, PoseDrive, RigidBody};
+use quasirigid::collider::Material;
 use quasirigid::math::{Pose, Real, Rot, Vec3};
 use quasirigid::surface::{PointSurface, Surface, shapes};
 use quasirigid::{BodyHandle, Parameters, World};

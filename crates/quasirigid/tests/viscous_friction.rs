@@ -1,8 +1,9 @@
 //! Viscous friction: a drag in proportion to slip speed and contact area, while the contact slips.
 
 use quasirigid::Parameters;
-use quasirigid::body::{Amount, Friction, MassProperties, Material, Motion, RigidBody};
-use quasirigid::gauss_seidel::ContactStatus;
+use quasirigid::body::{Amount, MassProperties, Motion, RigidBody};
+use quasirigid::collider::{Friction, Material};
+use quasirigid::delassus::ContactStatus;
 use quasirigid::math::{Pose, Real, Vec3};
 use quasirigid::scenes::Incline;
 use quasirigid::surface::{Surface, shapes};

@@ -1,11 +1,11 @@
-"""What is in a take: hands, bodies, rates, losses."""
+"""What is in a take: hands, bodies, rates, dropouts."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
-from quasirigid._quasirigid import Packet, Take
+from quasirigid._quasirigid import HandDecoder, HandTracker, Packet, Take
 from quasirigid.mocap import PARTS
 
 
@@ -26,7 +26,7 @@ def contents(take: Take) -> dict[str, Any]:
         "lateness_s": statistics["lateness"],
         "tracker_latency_s": statistics["tracker_latency"],
         "bytes_per_packet": statistics["bytes"] / len(packets),
-        "hands": _hands(packets, start),
+        "hands": [hand | {"bad_frames": _bad_frames(take, hand["side"])} for hand in _hands(packets, start)],
         "bodies": _bodies(packets, start),
         "other": other_targets(packets),
         "notes": take.notes,
@@ -56,13 +56,23 @@ def _hands(packets: Sequence[Packet], start: float) -> list[dict[str, Any]]:
     for key in found:
         count = max(len(row[key]) for row in rows if key in row)
         seen = [key in row for row in rows]
-        losses = {"hand": _gaps(times, seen)}
+        dropouts = {"hand": _gaps(times, seen)}
         for finger in range(count):
             of_finger = [key in row and finger < len(row[key]) and row[key][finger] for row in rows]
-            losses[PARTS[finger]] = _gaps(times, of_finger)
-        losses = {name: gaps for name, gaps in losses.items() if gaps}
-        hands.append({"id": key[0], "side": key[1], "fingers": list(PARTS[:count]), "seen": sum(seen) / len(seen), "losses_s": losses})
+            dropouts[PARTS[finger]] = _gaps(times, of_finger)
+        dropouts = {name: gaps for name, gaps in dropouts.items() if gaps}
+        hands.append({"id": key[0], "side": key[1], "fingers": list(PARTS[:count]), "seen": sum(seen) / len(seen), "losses_s": dropouts})
     return hands
+
+
+def _bad_frames(take: Take, side: Literal["left", "right"]) -> int:
+    """Frames of a hand of which a pose would be dropped, because no hand can have come there. Of two hands of one side it is the one that is followed."""
+    tracker = HandTracker(side)
+    for frame in take.frames(HandDecoder(side)):
+        tracker.push(frame)
+        tracker.sample(frame.arrival)
+    frames: int = tracker.dropped["frames"]
+    return frames
 
 
 def _bodies(packets: Sequence[Packet], start: float) -> list[dict[str, Any]]:

@@ -5,6 +5,7 @@
   tracked tips into joint targets, and the joint position controllers are the springs.
 
 Both are taken implicitly by the step (``Body.set_drive`` and the joint controllers), so that no stiffness and no rate of the tracker makes them unstable.
+Both saturate: whatever the tracker says, a pad presses with ``MAX_FORCE`` and moves with ``MAX_SPEED`` at most.
 """
 
 from __future__ import annotations
@@ -13,16 +14,16 @@ from collections.abc import Collection
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from quasirigid._quasirigid import Body, Hand, HandModel, HandTargets, MassProperties, Material, Surface, World
+from quasirigid.arrays.types import FloatArray
 from quasirigid.errors import InvalidValueError
 from quasirigid.mocap import PARTS
-from quasirigid.mocap.springs import FASTEST, Offset, Springs
-from quasirigid.mocap.turns import cross, minus_z, quaternion, rotation_vector
-from quasirigid.summary import conjugate, quaternion_product
+from quasirigid.mocap.coupling_state import Restorable
+from quasirigid.mocap.release import Release
+from quasirigid.mocap.springs import FASTEST, LEVER, MAX_FORCE, MAX_SPEED, SPRING_SHARE, Offset, Springs
+from quasirigid.rotation import conjugate, cross, minus_z, quaternion_of_vector, quaternion_product, rotation_vector
 
-FloatArray = npt.NDArray[np.float64]
 PALM = PARTS.index("palm")
 PAD_POINTS, PAD_CONTROL_POINTS = 1200, 160
 """Of a fingertip's surface: half of those of `quasirigid grasp`, so that a step is done in time."""
@@ -58,23 +59,35 @@ class Coupling(Protocol):
     def ends(self) -> FloatArray:
         """(fingers, 3) m, world: apex of each simulated pad's skin, which is drawn to ``HandTargets.pad_places``."""
 
+    @property
+    def release(self) -> Release:
+        """What keeps the sides of a grip in balance while the hand lets go."""
+
     def follow(self, targets: HandTargets, rate: float = 1.0) -> None:
         """Aim at these targets in the next step. ``rate``: how much faster than simulated time the hand is shown."""
 
 
-class TipCoupling:
+class TipCoupling(Restorable):
     """Pads that are free bodies on springs to the tracked tips. They weigh nothing for the person: their weight is taken off."""
 
     def __init__(
-        self, world: World, targets: HandTargets, pad: Material, springs: Springs | None = None, expected: Collection[int] = ()
+        self,
+        world: World,
+        targets: HandTargets,
+        pad: Material,
+        springs: Springs | None = None,
+        expected: Collection[int] = (),
+        *,
+        max_force: float = MAX_FORCE,
     ) -> None:
         """Add a pad of the material ``pad`` to ``world`` for every finger of ``targets`` that was not lost, where it is now. Pads of the rows
-        ``expected`` that are not seen wait aside, until they are.
+        ``expected`` that are not seen wait aside, until they are. ``max_force``: most that a pad presses with, N, however far the tracked tip.
 
         Raises ``InvalidValueError`` if no finger is seen.
         """
         self.springs = springs or Springs()
         self.springs.check()
+        self._max_pull = SPRING_SHARE * max_force, SPRING_SHARE * LEVER * max_force
         seen = [row for row in range(PALM) if targets.states[row] not in ("absent", "lost")]
         if not seen:
             raise InvalidValueError("targets", "at least one finger that was seen", "none", "wait until the tracker sees a finger")
@@ -100,6 +113,7 @@ class TipCoupling:
         self._offsets = [Offset((3, FASTEST[0]), (3, FASTEST[1])) for _ in self.rows]
         for row in self.waiting:
             self._offsets[self.rows.index(row)].weight = 0.0
+        self.release = Release(len(self.rows), self._dt)
 
     @property
     def pads(self) -> list[Body]:
@@ -130,6 +144,11 @@ class TipCoupling:
         spin = rate * targets.angular_velocities
         speed = rate * targets.linear_velocities + cross(spin, arms)
         weights = targets.weights
+        release, rows = self.release, list(self.rows)
+        apex, facing = targets.pad_places()
+        release.update(apex[rows], self.ends, facing[rows])
+        places[rows] += release.shift
+        speed[rows] += release.velocity
         (k, kr), (d, dr) = self.springs.stiffness, self.springs.damping
         for body, row, offset in zip(self._bodies, self.rows, self._offsets, strict=True):
             weight = float(weights[row])
@@ -145,7 +164,7 @@ class TipCoupling:
             offset.update(weight, stretch, self._dt)
             if not offset.zero:
                 place, v = place + offset.value[:3], v + offset.velocity[:3]
-                turn, omega = quaternion_product(quaternion(offset.value[3:]), turn), omega + offset.velocity[3:]
+                turn, omega = quaternion_product(quaternion_of_vector(offset.value[3:]), turn), omega + offset.velocity[3:]
             body.set_drive(
                 place,
                 turn,
@@ -153,4 +172,6 @@ class TipCoupling:
                 damping=(weight * d, weight * dr),
                 linear_velocity=v,
                 angular_velocity=omega,
+                max_pull=self._max_pull,
+                max_speed=MAX_SPEED,
             )

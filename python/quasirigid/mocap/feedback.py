@@ -14,39 +14,53 @@ import socket
 import time
 from typing import Any, Protocol
 
+from quasirigid.arrays.types import FloatArray
 from quasirigid.errors import InvalidValueError
 from quasirigid.mocap import PARTS
-from quasirigid.mocap.look import Look
+from quasirigid.mocap.observation import Observation
 
 TFB_PORT = 50_110
 FULL_FORCE = 5.0
-"""Pressing force at which a thimble is told its full strength, N."""
+"""Pressing force at which a thimble is sent its full strength, N."""
 RATE = 60.0
-"""Times per second, unless told otherwise."""
+"""Times per second, unless the session says otherwise."""
 TARGETS = "udp:HOST:PORT, ws:PORT, ws:HOST:PORT or tfb:HOST[:PORT][/HAND]"
-FAREWELLS, APART = 3, 0.02
-"""How often thimbles are told that it is over, since datagrams get lost, and how far apart, s."""
+FAREWELLS, INTERVAL = 3, 0.02
+"""How often it is sent that it is over, since datagrams get lost, and how far apart, s."""
 
 
 class Sink(Protocol):
-    """Something that a look is made into bytes for."""
+    """Something that an observation is made into bytes for."""
 
-    def encode(self, look: Look) -> bytes:
+    def encode(self, observation: Observation) -> bytes:
         """One datagram."""
 
-    def farewell(self, last: Look) -> bytes | None:
+    def farewell(self, last: Observation) -> bytes | None:
         """What ends it after ``last``; ``None`` if nothing does."""
 
 
 class JsonSink:
-    """A JSON object: ``time`` s, ``phase``, and for each finger ``force`` (3) N on it, world, ``pressing`` N, ``slip`` 0 to 1, ``state``."""
+    """One JSON object per observation, as ``as_json`` makes it, numbered; and one that says that it is over."""
 
-    def encode(self, look: Look) -> bytes:
+    def __init__(self) -> None:
+        self._sequence = 0
+
+    def encode(self, observation: Observation) -> bytes:
         """One datagram."""
-        return json.dumps(as_json(look), allow_nan=False).encode()
+        data = json.dumps(as_json(observation, self._sequence), allow_nan=False).encode()
+        self._sequence += 1
+        return data
 
-    def farewell(self, last: Look) -> None:
-        """Nothing: who listens has the time of every look."""
+    def farewell(self, last: Observation) -> bytes:
+        """``type`` ``end`` with the next number: after it nothing comes."""
+        end = {
+            "type": "end",
+            "sequence": self._sequence,
+            "time": round(last.time, 6),
+            "wall_time": round(last.wall_time, 6),
+            "phase": last.phase,
+        }
+        return json.dumps(end, allow_nan=False).encode()
 
 
 class TfbSink:
@@ -56,32 +70,50 @@ class TfbSink:
         """``hand`` is DTrack's number of the hand, from 0; ``None`` for that of the tracked one. ``full_force`` N."""
         self._hand, self._full = hand, full_force
 
-    def encode(self, look: Look) -> bytes:
+    def encode(self, observation: Observation) -> bytes:
         """``tfb n`` and for each finger ``[hand finger 1.0 strength]``, with a NUL at the end."""
-        return self._line(look, [min(1.0, max(0.0, float(force) / self._full)) for force in look.pressing])
+        return self._line(observation, [min(1.0, max(0.0, float(force) / self._full)) for force in observation.pressing])
 
-    def farewell(self, last: Look) -> bytes:
+    def farewell(self, last: Observation) -> bytes:
         """All fingers off: thimbles would go on for some seconds."""
         return self._line(last, [0.0] * len(last.rows))
 
-    def _line(self, look: Look, strengths: list[float]) -> bytes:
-        hand = look.hand if self._hand is None else self._hand
-        blocks = "".join(f"[{hand} {row} 1.0 {strength:.3f}]" for row, strength in zip(look.rows, strengths, strict=True))
-        return f"tfb {len(look.rows)} {blocks}".encode("ascii") + b"\0"
+    def _line(self, observation: Observation, strengths: list[float]) -> bytes:
+        hand = observation.hand if self._hand is None else self._hand
+        blocks = "".join(f"[{hand} {row} 1.0 {strength:.3f}]" for row, strength in zip(observation.rows, strengths, strict=True))
+        return f"tfb {len(observation.rows)} {blocks}".encode("ascii") + b"\0"
 
 
-def as_json(look: Look) -> dict[str, Any]:
-    """What ``JsonSink`` and the websocket send. ``state`` is ``open``, ``stick`` or ``slip``: slip if most of the force slips."""
+def as_json(observation: Observation, sequence: int) -> dict[str, Any]:
+    """What ``JsonSink`` and the websocket send; docs/mocap.md has every field with its unit and frame.
+
+    ``state`` of a finger is ``open``, ``stick`` or ``slip``: slip if most of the force slips.
+    """
     fingers = {
         PARTS[row]: {
-            "force": [round(float(x), 6) for x in force],
-            "pressing": round(float(press), 6),
-            "slip": round(float(slip), 4),
-            "state": "open" if press <= 0.0 else "slip" if slip > 0.5 else "stick",
+            "force": _rounded(observation.force[i]),
+            "torque": _rounded(observation.torque[i], 9),
+            "point": None if math.isnan(observation.contact_point[i, 0]) else _rounded(observation.contact_point[i]),
+            "pressing": round(float(observation.pressing[i]), 6),
+            "slip": round(float(observation.slipping[i]), 4),
+            "state": "open" if observation.pressing[i] <= 0.0 else "slip" if observation.slipping[i] > 0.5 else "stick",
         }
-        for row, force, press, slip in zip(look.rows, look.force, look.pressing, look.slipping, strict=True)
+        for i, row in enumerate(observation.rows)
     }
-    return {"time": round(look.time, 6), "phase": look.phase, "fingers": fingers}
+    return {
+        "type": "observation",
+        "sequence": sequence,
+        "time": round(observation.time, 6),
+        "wall_time": round(observation.wall_time, 6),
+        "tracker": {"frame": observation.tracker_frame, "time": observation.tracker_time},
+        "phase": observation.phase,
+        "object": {"position": _rounded(observation.object_pose[:3]), "quaternion": _rounded(observation.object_pose[3:], 9)},
+        "fingers": fingers,
+    }
+
+
+def _rounded(vector: FloatArray, digits: int = 6) -> list[float]:
+    return [round(float(x), digits) for x in vector]
 
 
 def check_rate(rate: float) -> None:
@@ -108,9 +140,9 @@ class Raster:
 
 
 class Feedback(Protocol):
-    """Takes looks of a session, and passes some of them on. Never waits, never fails."""
+    """Takes observations of a session, and passes some of them on. Never waits, never fails."""
 
-    def __call__(self, look: Look) -> None:
+    def __call__(self, observation: Observation) -> None:
         """Pass it on if it is time."""
 
     def story(self) -> str:
@@ -120,8 +152,18 @@ class Feedback(Protocol):
         """Let go of the network."""
 
 
+def is_port(text: str) -> bool:
+    """Whether this is the number of a port that can be named."""
+    return text.isascii() and text.isdecimal() and 0 < int(text) < 65_536
+
+
+def is_hand(text: str) -> bool:
+    """Whether this is a number that DTrack gives to a hand."""
+    return text.isascii() and text.isdecimal() and int(text) < 10_000
+
+
 class UdpFeedback:
-    """Sends looks of a session to one address, ``rate`` times per second of simulated time. What cannot be sent is counted."""
+    """Sends observations of a session to one address, ``rate`` times per second of simulated time. What cannot be sent is counted."""
 
     def __init__(self, text: str, *, rate: float = RATE) -> None:
         """``text`` is ``udp:HOST:PORT`` or ``tfb:HOST[:PORT][/HAND]``. Raises ``InvalidValueError``."""
@@ -141,15 +183,15 @@ class UdpFeedback:
         self.sent = self.failed = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        self._last: Look | None = None
+        self._last: Observation | None = None
 
-    def __call__(self, look: Look) -> None:
+    def __call__(self, observation: Observation) -> None:
         """Send it if it is time."""
-        if not self._raster.due(look.time):
+        if not self._raster.due(observation.time):
             return
-        self._last = look
+        self._last = observation
         try:
-            data = self.sink.encode(look)
+            data = self.sink.encode(observation)
         except ValueError:  # a force that is no number cannot be written
             self.failed += 1
         else:
@@ -171,26 +213,7 @@ class UdpFeedback:
         farewell = None if self._last is None else self.sink.farewell(self._last)
         if farewell is not None:
             for again in range(FAREWELLS):
-                time.sleep(APART if again else 0.0)
+                time.sleep(INTERVAL if again else 0.0)
                 self._send(farewell)
         self._last = None
         self._socket.close()
-
-
-def is_port(text: str) -> bool:
-    """Whether this is the number of a port that can be named."""
-    return text.isascii() and text.isdecimal() and 0 < int(text) < 65_536
-
-
-def is_hand(text: str) -> bool:
-    """Whether this is a number that DTrack gives to a hand."""
-    return text.isascii() and text.isdecimal() and int(text) < 10_000
-
-
-def open_feedback(text: str, *, rate: float = RATE) -> Feedback:
-    """What ``--feedback`` names. Raises ``InvalidValueError``, or ``NetworkError`` for a port in use."""
-    if text.partition(":")[0] == "ws":
-        from quasirigid.mocap.feedback_server import WebsocketFeedback
-
-        return WebsocketFeedback(text, rate=rate)
-    return UdpFeedback(text, rate=rate)

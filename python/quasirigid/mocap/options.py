@@ -8,7 +8,7 @@ from typing import Literal
 
 from quasirigid._quasirigid import Calibration
 from quasirigid.errors import InvalidValueError
-from quasirigid.mocap.springs import Springs, check_strength
+from quasirigid.mocap.springs import MAX_FORCE, Springs, check_max_force, check_strength
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,8 @@ class MocapOptions:
     """Of the coupling ``tips``."""
     gains: tuple[float, float] = (1.0, 1.0)
     """Of the coupling ``hand``: factors of the stiffness and of the damping of its joint controllers."""
+    max_force: float = MAX_FORCE
+    """Most that a simulated fingertip presses with, N, whatever the tracker says."""
     delay: float | None = None
     """How far in the past the hand is shown, s; ``None`` fits the stream, 0 predicts."""
     hold: float = 0.5
@@ -40,6 +42,7 @@ class MocapOptions:
                 raise InvalidValueError(name, " or ".join(known), value, "choose one of them")
         if not (math.isfinite(self.idle) and self.idle > 0.0):
             raise InvalidValueError("--idle", "a finite number > 0 (s)", self.idle, "3 is the default")
+        check_max_force(self.max_force)
         self.springs.check()
         for name, gain in zip(("--joint-stiffness", "--joint-damping"), self.gains, strict=True):
             check_strength(name, gain, "1 is as the hand is built")

@@ -1,45 +1,45 @@
-"""A person's tracked hand takes an object: ``quasirigid grasp --mocap``.
+"""A person's tracked hand takes an object: ``quasirigid mocap grasp``.
 
-Every step asks the tracking filter where the hand is at this moment, aims the springs there, and goes on; now and then somebody looks at what has
-become of the object (``OBSERVED`` times a second): the recording, the outcome, the feedback to the person.
+Every step asks the tracking filter where the hand is at this moment, aims the springs there, and goes on. ``OBSERVED`` times a second
+the state of the object is observed: for the recording, the outcome, the feedback to the person.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from quasirigid._quasirigid import HandDecoder, HandFrame, HandTargets, HandTracker, Material, Packet, StepReport, Surface, __version__
+from quasirigid._quasirigid import HandDecoder, HandFrame, HandTargets, HandTracker, Packet, StepReport, __version__
+from quasirigid.arrays.types import FloatArray
 from quasirigid.errors import InvalidValueError, NetworkError
-from quasirigid.grasp import GRAVITY, Stage
-from quasirigid.grasp_columns import contact_sums
-from quasirigid.grasp_options import GraspOptions
+from quasirigid.grasp.columns import contact_sums
+from quasirigid.grasp.options import GraspOptions
+from quasirigid.grasp.setup import GRAVITY, Stage
 from quasirigid.mocap import PARTS
 from quasirigid.mocap.coupling import PALM, Coupling, TipCoupling
+from quasirigid.mocap.dropouts import Dropouts
 from quasirigid.mocap.hand_coupling import HandCoupling
-from quasirigid.mocap.look import Look, Observer, Viewer, press_and_slip
-from quasirigid.mocap.losses import Losses
+from quasirigid.mocap.hand_presence import ABSENT, LATECOMERS, FingerPresence, HandPresence
+from quasirigid.mocap.observation import Observation, Observer, Viewer, contact_wrenches, press_and_slip
 from quasirigid.mocap.options import MocapOptions
 from quasirigid.mocap.outcome import Outcome
-from quasirigid.mocap.pace import Pace, undisturbed
-from quasirigid.mocap.sighting import LATECOMERS, Sighting
-from quasirigid.mocap.stream import Source
-from quasirigid.recording import Column
-from quasirigid.scene_recording import SceneRecorder
-from quasirigid.view.play import MAT, PEDESTAL
-from quasirigid.view.scene import SceneState, TrackedHand
-from quasirigid.view.world_scene import WorldScene
+from quasirigid.mocap.real_time_clock import RealTimeClock, undisturbed
+from quasirigid.mocap.reset import WAITS, Reset, pose_of
+from quasirigid.mocap.source import Source
+from quasirigid.recording.reader import Column
+from quasirigid.recording.scene import SceneRecorder
+from quasirigid.scene.model import SceneState, TrackedHand
+from quasirigid.scene.world import WorldScene
 
-FloatArray = npt.NDArray[np.float64]
 OBSERVED = 100.0
-"""Times per second of simulated time that the session is looked at: recording, outcome, feedback."""
+"""Times per second of simulated time that the session is observed: recording, outcome, feedback."""
 DEFORMATION_RATE = 20.0
 """Times per second that the surfaces are recorded."""
 STEP_SHARE, HURRIED_SHARE = 0.7, 0.5
@@ -48,37 +48,41 @@ WAITING = "waiting for the hand"
 
 
 class MocapSession:
-    """The scene of ``quasirigid grasp`` on its support, and the hand that ``source`` tells of."""
+    """The scene of ``quasirigid grasp`` on its support, and the hand that ``source`` tracks."""
 
     def __init__(
         self, options: GraspOptions, mocap: MocapOptions, source: Source, viewer: Viewer | None = None, *, observed: float = OBSERVED
     ) -> None:
-        """Build the scene, and show it to ``viewer``. ``observed``: times per second of simulated time that it is looked at.
+        """Build the scene, and show it to ``viewer``. ``observed``: times per second of simulated time that it is observed.
 
         Raises the errors of ``quasirigid.errors``.
         """
         mocap.check()
-        self.options, self.mocap, self.source, self.viewer = options, mocap, source, viewer
-        self.stage = Stage.build(options, pedestal=PEDESTAL, step_budget=STEP_SHARE * options.dt if source.paced else None)
+        self.options = replace(options, support=options.support or "table")
+        self.mocap, self.source, self.viewer = mocap, source, viewer
+        self.stage = Stage.build(self.options, step_budget=STEP_SHARE * options.dt if source.real_time else None)
         self.world, self.object = self.stage.world, self.stage.object
-        # As in the live view: soft things to stand and to fall on.
-        soft = Material.preset("silicone")
-        self.stage.support.material = soft
-        floor = -PEDESTAL[2] if self.stage.taken.flat else -1e-3
-        self.mat = self.world.add_body(Surface.half_space(MAT, points=2_500), soft, motion="fixed", position=(0.0, 0.0, floor), name="mat")
+        self.mat = self.stage.stands_on.add_mat(self.world)
         self._decoder = HandDecoder(mocap.side, bodies=mocap.bodies)
         self.side = self._decoder.side
         """Of the tracked hand: a file that says which bodies are on the fingers says this, too."""
         self._tracker = HandTracker(self.side, calibration=mocap.calibration, delay=mocap.delay, hold=mocap.hold, fade=mocap.fade)
         self._last_arrival = source.now()
-        self._every = look_every(observed, options.dt)
-        self._sighting = Sighting(mocap.coupling)
+        self._every = observation_interval(observed, options.dt)
+        self._finger_presence = FingerPresence(mocap.coupling)
+        self._presence = HandPresence(self.side, source.now(), bodies=mocap.bodies is not None, when_silent=source.when_silent)
+        self._notice = ""
+        self.log: Callable[[str], None] = lambda _: None
+        """Gets what a person in the terminal should know."""
+        self.resets_asked: list[Callable[[], bool]] = [] if viewer is None else [viewer.reset_asked]
+        """Each says whether a reset was asked for since it was last called."""
+        self._reset = Reset(self.object)
         self._newest: Packet | HandFrame | None = None
         self._hand_number = 0
         self.coupling: Coupling | None = None
-        self.pace: Pace | None = None
+        self.clock: RealTimeClock | None = None
         self.outcome: Outcome | None = None
-        self.losses = Losses()
+        self.dropouts = Dropouts()
         self.observers: list[Observer] = []
         self.step_times: list[float] = []
         self.unconverged = 0
@@ -90,6 +94,24 @@ class MocapSession:
             self.viewer.begin(scene.model)
             self.viewer.draw(scene.state(phase=WAITING))
 
+    # What goes on beside the steps.
+
+    def _watch(self) -> None:
+        """Say whether the hand is missing, and put the object back if that was asked for. Some ten times per second and more."""
+        notice = self._presence.absence(self.source.now())
+        # All are asked, so that none keeps its answer for later.
+        self._reset.pending |= bool(sum(asked() for asked in self.resets_asked))
+        if self._reset.pending:
+            if self._reset.done(None if self.coupling is None else self.coupling.ends):
+                if self.coupling is not None:
+                    self.outcome = Outcome(self._reset.start, self.coupling.fingers)
+                self.log("the object is back where it stood")
+            else:
+                notice = WAITS
+        if notice and notice != self._notice:
+            self.log(notice)
+        self._notice = notice
+
     # What comes in.
 
     def _listen(self) -> list[float]:
@@ -98,21 +120,31 @@ class MocapSession:
         for packet in self.source.take():
             self._last_arrival, self._newest = packet.arrival, packet
             frame = packet if isinstance(packet, HandFrame) else self._decoder.decode(packet)
-            if frame is not None:
+            self._note_presence(packet, frame)
+            if frame is not None and frame.side == self.side:
                 self._tracker.push(frame)
                 if self.coupling is None:
-                    self._sighting.saw(frame)
+                    self._finger_presence.saw(frame)
                 arrivals.append(packet.arrival)
         return arrivals
+
+    def _note_presence(self, packet: Packet | HandFrame, frame: HandFrame | None) -> None:
+        self._presence.heard(packet.arrival)
+        if frame is not None and frame.tracked.any():
+            self._presence.saw(frame.side, packet.arrival)
+        if isinstance(packet, Packet):
+            for _, side, fingers in packet.hands:
+                if side != self.side and any(fingers):
+                    self._presence.saw(side, packet.arrival)
 
     def _over(self) -> bool:
         """Whether the stream has ended: nothing for ``idle`` s."""
         return self.source.now() - self._last_arrival > self.mocap.idle
 
-    def wait_for_hand(self, told: Callable[[str], None] | None = None) -> bool:
+    def wait_for_hand(self) -> bool:
         """Wait until the tracker sees the fingers that are to be coupled, all at the same time, and couple them. False if the source ended before.
 
-        ``told`` is called with who is missing, if that lasts.
+        ``log`` gets who is missing, if that lasts.
         """
         missing: tuple[str, ...] = ()
         since = math.inf
@@ -121,40 +153,45 @@ class MocapSession:
             now = self.source.now()
             targets = self._tracker.sample(now)
             if self.viewer is not None and self.viewer.wants_state():
-                self.viewer.draw(replace(self.scene.state(phase=WAITING), tracked=None if targets is None else self._tracked(targets)))
-            if targets is not None and self._sighting.enough(now):
+                tracked = None if targets is None else self._tracked(targets)
+                self.viewer.draw(replace(self.scene.state(phase=WAITING), notice=self._notice, tracked=tracked))
+            self._watch()
+            if targets is not None and self._finger_presence.enough(now):
                 self._couple(targets)
                 return True
             if self.source.ended():
                 return False
-            lacking = self._sighting.missing(now)
+            lacking = self._finger_presence.missing(now)
             if lacking != missing:
                 missing, since = lacking, now
-            elif told is not None and missing and now - since > LATECOMERS and self._sighting.live(now).any():
-                told(f"still waiting: the tracker does not see {' and '.join(missing)}")
+            elif missing and now - since > LATECOMERS and self._finger_presence.live(now).any():
+                self.log(f"still waiting: the tracker does not see {' and '.join(missing)}")
                 since = math.inf
             self.source.wait_until(now + 0.005)
+
+    @property
+    def resets(self) -> int:
+        """How often the object was put back."""
+        return self._reset.count
 
     def left_out(self) -> tuple[str, ...]:
         """Fingers that the session did not wait for any longer: they get their pads when they are seen."""
         assert self.coupling is not None
-        return tuple(PARTS[row] for row in self._sighting.wanted if row in self.coupling.waiting)
+        return tuple(PARTS[row] for row in self._finger_presence.wanted if row in self.coupling.waiting)
 
     def _couple(self, targets: HandTargets) -> None:
-        pad, side = self.stage.pad, self.side
+        pad, side, most = self.stage.pad, self.side, self.mocap.max_force
         if self.mocap.coupling == "hand":
-            self.coupling = HandCoupling(self.world, targets, pad, side=side, gains=self.mocap.gains)
+            self.coupling = HandCoupling(self.world, targets, pad, side=side, gains=self.mocap.gains, max_force=most)
         else:
-            self.coupling = TipCoupling(self.world, targets, pad, self.mocap.springs, self._sighting.expected)
+            self.coupling = TipCoupling(self.world, targets, pad, self.mocap.springs, self._finger_presence.expected, max_force=most)
         # The middle of these is where the hand is: who comes later would shift it.
         self._guides = [row for row in self.coupling.rows if row not in self.coupling.waiting]
         pads, hands = self.coupling.pads, self.coupling.hands
         self._show(WorldScene(self.world, [self.object, self.stage.support, self.mat, *pads], hands, pads))
         self._finger_of = {place: finger for finger, place in enumerate(self.scene.model.fingertips())}
-        self.outcome = Outcome(self._object_pose(), self.coupling.fingers)
-
-    def _object_pose(self) -> FloatArray:
-        return np.concatenate([self.object.position, self.object.quaternion])
+        self._reset.start = pose_of(self.object)
+        self.outcome = Outcome(self._reset.start, self.coupling.fingers)
 
     def _tracked(self, targets: HandTargets) -> TrackedHand:
         """What a viewer shows of the tracked hand."""
@@ -167,7 +204,8 @@ class MocapSession:
             aims[aside] = ends[aside]
         fingers = tuple(rows.index(row) if row in rows else -1 for row in range(len(PARTS)))
         states = tuple(targets.states)
-        return TrackedHand(PARTS, targets.positions, targets.pad_radii, targets.weights, states, fingers, aims, ends)
+        dropped = self._tracker.dropped["frames"]
+        return TrackedHand(PARTS, targets.positions, targets.pad_radii, targets.weights, states, fingers, aims, ends, dropped)
 
     # The loop.
 
@@ -177,19 +215,19 @@ class MocapSession:
             raise InvalidValueError("session", "a hand that was seen", "none yet", "call wait_for_hand first")
         with undisturbed():
             self._listen()  # what came while the scene was made ready belongs to no step
-            self.pace = Pace(self.source, self.options.dt)
-            self._loop(self.coupling, self.pace, recorder)
+            self.clock = RealTimeClock(self.source, self.options.dt)
+            self._loop(self.coupling, self.clock, recorder)
 
-    def _loop(self, coupling: Coupling, pace: Pace, recorder: SceneRecorder | None) -> None:
+    def _loop(self, coupling: Coupling, clock: RealTimeClock, recorder: SceneRecorder | None) -> None:
         step, hurried = 0, False
         while not self._over():
-            due = pace.wait()
-            pace.begin(self._listen())
+            due = clock.wait()
+            clock.begin(self._listen())
             targets = self._tracker.sample(due)
             assert targets is not None  # a hand was seen
-            coupling.follow(targets, pace.rate)
-            if pace.hurried != hurried and self.source.paced:
-                hurried = pace.hurried
+            coupling.follow(targets, clock.rate)
+            if clock.hurried != hurried and self.source.real_time:
+                hurried = clock.hurried
                 self.world.step_budget = (HURRIED_SHARE if hurried else STEP_SHARE) * self.options.dt
             report = self.world.step()
             self.step_times.append(report.step_time)
@@ -201,22 +239,30 @@ class MocapSession:
     def _observe(self, report: StepReport, targets: HandTargets, recorder: SceneRecorder | None) -> None:
         assert self.coupling is not None
         assert self.outcome is not None
+        self._watch()
         shown = self.viewer is not None and self.viewer.wants_state()
         wants = recorder is not None and recorder.wants_deformation(self.world.time)
         state = self.scene.state(report, self.outcome.phase, moved=wants or shown)
         if self.viewer is not None and shown:
-            self.viewer.draw(replace(state, tracked=self._tracked(targets)))
+            self.viewer.draw(replace(state, notice=self._notice, tracked=self._tracked(targets)))
         sums = contact_sums(state.contacts, 0, self._finger_of, len(self.coupling.fingers))
+        self.coupling.release.observe(sums["hand/normal_force"])
         support = _between(state, 0, 1) + _between(state, 0, 2)
-        self.losses.update(state.time, targets, self.source.now() - self._last_arrival)
-        self.outcome.update(state.time, self._object_pose(), sums["hand/normal_force"], support, _guide(targets, self._guides))
+        self.dropouts.update(state.time, targets, self.source.now() - self._last_arrival)
+        self.outcome.update(state.time, pose_of(self.object), sums["hand/normal_force"], support, _guide(targets, self._guides))
         if recorder is not None:
             rows = list(self.coupling.rows)
-            row = {"object/pose": self._object_pose(), "tracker/position": targets.positions[rows], "tracker/weight": targets.weights[rows]}
+            row = {
+                "object/pose": pose_of(self.object),
+                "tracker/position": targets.positions[rows],
+                "tracker/weight": targets.weights[rows],
+            }
             own = ("hand/force_on_object", "hand/normal_force", "hand/tangential_force", "hand/contacts")
             recorder.append(state, row | {name: sums[name] for name in own}, report)
         if self.observers:
-            look = Look(
+            places = sorted(self._finger_of, key=self._finger_of.__getitem__)
+            points, torques = contact_wrenches(state.contacts, 0, places)
+            observation = Observation(
                 time=state.time,
                 fingers=self.coupling.fingers,
                 rows=self.coupling.rows,
@@ -224,10 +270,16 @@ class MocapSession:
                 pressing=sums["hand/normal_force"],
                 slipping=self._slipping(state),
                 phase=self.outcome.phase,
+                torque=torques,
+                contact_point=points,
+                object_pose=pose_of(self.object),
+                wall_time=time.time(),
+                tracker_frame=self._newest.frame if isinstance(self._newest, Packet) else None,
+                tracker_time=None if self._newest is None else self._newest.time,
                 hand=self._number(),
             )
             for observer in self.observers:
-                observer(look)
+                observer(observation)
 
     def _slipping(self, state: SceneState) -> FloatArray:
         assert self.coupling is not None
@@ -260,8 +312,8 @@ class MocapSession:
         chosen = {key: "" if value is None else str(value) for key, value in asdict(self.options).items()}
         attributes = {
             "options": json.dumps(chosen),
-            "object": self.stage.taken.name,
-            "object_mass_kg": self.stage.taken.mass.mass,
+            "object": self.stage.target.name,
+            "object_mass_kg": self.stage.target.mass.mass,
             "gravity_m_per_s2": GRAVITY,
             "friction": self.stage.friction,
             "coupling": self.mocap.coupling,
@@ -275,29 +327,32 @@ class MocapSession:
         ms = 1e3 * np.array(self.step_times)
         stream = self.source.statistics()
         return {
-            "object": self.stage.taken.name,
-            "object_mass_kg": self.stage.taken.mass.mass,
+            "object": self.stage.target.name,
+            "object_mass_kg": self.stage.target.mass.mass,
             "friction": self.stage.friction,
             "coupling": self.mocap.coupling,
             "hand": self.side,
             **(self.outcome.summary() if self.outcome is not None else {"held": False, "dropped": False, "phases": [], "fingers": []}),
-            "losses": self.losses.summary(),
+            "resets": self.resets,
+            "absence": self._presence.absence(self.source.now(), at_least=0.0 if self.outcome is None else ABSENT),
+            "losses": self.dropouts.summary(),
+            "implausible": self._tracker.dropped,
             "steps": steps,
             "dt_s": self.options.dt,
             "step_ms_median": float(np.median(ms)) if steps else None,
             "step_ms_p99": float(np.percentile(ms, 99)) if steps else None,
             "unconverged_steps": self.unconverged,
-            **(self.pace.summary() if self.pace is not None and self.source.paced else {}),
+            **(self.clock.summary() if self.clock is not None and self.source.real_time else {}),
             "filter_delay_s": self._tracker.delay,
             "stream": {key: value for key, value in stream.items() if value is None or isinstance(value, (int, float, str))},
-            "warnings": list(self.stage.taken.warnings),
+            "warnings": list(self.stage.target.warnings),
             "state_hash": f"{self.world.state_hash():016x}",
             "version": __version__,
         }
 
 
-def look_every(rate: float, dt: float) -> int:
-    """After how many steps a session is looked at, so that it is at least ``rate`` times per second, or in every step."""
+def observation_interval(rate: float, dt: float) -> int:
+    """After how many steps a session is observed, so that it is at least ``rate`` times per second, or in every step."""
     return max(1, math.floor(1.0 / (rate * dt) + 1e-6))
 
 
@@ -336,28 +391,32 @@ def run_mocap(
     observers: Sequence[Observer] = (),
     observed: float = OBSERVED,
     viewer: Viewer | None = None,
-    told: Callable[[str], None] | None = None,
+    log: Callable[[str], None] | None = None,
+    resets_asked: Sequence[Callable[[], bool]] = (),
 ) -> MocapResult:
     """Run a session until its stream has ended or Ctrl-C, and leave ``summary.json`` and ``recording.h5`` in the directory ``out``.
 
-    ``observers`` are called with what is seen ``observed`` times per second of simulated time, ``told`` with what goes on.
+    ``observers`` are called with what is seen ``observed`` times per second of simulated time, ``log`` with what goes on; ``resets_asked`` are asked as
+    often whether the object is to be put back where it stood.
     Raises the errors of ``quasirigid.errors``; a ``NetworkError`` of a tracker that cannot be heard any more after the files were written.
     """
     session = MocapSession(options, mocap, source, viewer, observed=observed)
     session.observers += observers
+    session.resets_asked += resets_asked
+    if log is not None:
+        session.log = log
     out.mkdir(parents=True, exist_ok=True)
     path: Path | None = None
-    say = told or (lambda _: None)
     interrupted = False
     failure: NetworkError | None = None
     try:
-        say("waiting for the hand")
-        if session.wait_for_hand(say):
+        session.log(WAITING)
+        if session.wait_for_hand():
             assert session.coupling is not None
             without = session.left_out()
             said = f"; not seen yet: {', '.join(without)}" if without else ""
             there = (name for name in session.coupling.fingers if name not in without)
-            say(f"the hand is there: {', '.join(there)}{said}")
+            session.log(f"the hand is there: {', '.join(there)}{said}")
             path = out / "recording.h5" if record is None else record
             with session.recorder(path) as recorder:
                 session.run(recorder)

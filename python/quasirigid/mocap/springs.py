@@ -6,15 +6,26 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from quasirigid.arrays.types import FloatArray
 from quasirigid.errors import InvalidValueError
 
-FloatArray = npt.NDArray[np.float64]
 OFFSET_FADES = 0.1
 """Time constant with which a finger that is caught again goes to where the tracker sees it, s."""
 OFFSET_GONE = 1e-5
 """An offset smaller than this, m or rad, is dropped."""
+
+
+MAX_FORCE = 40.0
+"""Most that a simulated fingertip presses with, N, unless the session says otherwise: more than handling things takes, and less than the strongest
+pinch between thumb and index finger (50 to 80 N, Mathiowetz et al. 1985)."""
+LEVER = 0.01
+"""About which the force of a pad turns it, m: half a fingertip."""
+SPRING_SHARE = 0.8
+"""Of the most that a fingertip presses with, the share that its spring pulls with: the rest is what stops a pad of its mass that hits something at top
+speed."""
+MAX_SPEED = (3.0, 40.0)
+"""Top speed of a pad, m/s and rad/s. People handle things at 1 to 2 m/s; from a hand that is quicker the pads stay behind, and catch up."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +48,12 @@ def check_strength(name: str, value: float, unit: str) -> None:
     """Refuse a stiffness or damping that is none. Raises ``InvalidValueError``."""
     if not (math.isfinite(value) and value >= 0.0):
         raise InvalidValueError(name, f"a finite number >= 0 ({unit})", value, "0 switches it off")
+
+
+def check_max_force(newton: float) -> None:
+    """Refuse a limit of the pads' forces that is none. Raises ``InvalidValueError``."""
+    if not (math.isfinite(newton) and newton > 0.0):
+        raise InvalidValueError("--max-force", "a finite number > 0 (N)", newton, f"{MAX_FORCE:g} is the default")
 
 
 FASTEST = (0.5, 3.0)

@@ -10,18 +10,18 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from quasirigid._quasirigid import _screen_cloud
+from quasirigid.arrays.types import FloatArray, IntArray
 from quasirigid.errors import DegenerateSurfaceError, InvalidValueError, SurfaceWarning
 from quasirigid.objects.files import FORMATS, RawGeometry, read_file
 from quasirigid.objects.mass import Solid, is_physical, solid_of_hull, solid_of_mesh
 from quasirigid.objects.mesh import CleanMesh, cap_holes, clean_mesh, corner_normals
+from quasirigid.objects.orientation import Up, rotation_of
 from quasirigid.objects.sampling import has_duplicates, sample_mesh, thin_out
 
 __all__ = ["DEFAULT_DENSITY", "DEFAULT_POINTS", "FORMATS", "ObjectGeometry", "load_object"]
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 DEFAULT_DENSITY = 1000.0
 """kg/m^3, that of water: right within a factor of two for food, plastic bottles and wood."""
@@ -30,10 +30,10 @@ DEFAULT_POINTS = 20_000
 """Points on a sampled mesh: 1.1 mm apart on an object of 8 cm."""
 
 MIN_POINTS, MAX_POINTS = 50, 5_000_000
-"""Fewer do not make a surface; more fill the memory of a machine, and are 0.1 mm apart on the largest thing a hand takes."""
+"""Fewer do not make a surface; more fill the memory of a machine, and are 0.1 mm apart on the largest object a hand grasps."""
 
 SMALLEST, LARGEST = 1e-3, 2.0
-"""m. Objects whose largest extent is outside are taken for a mistake in the units."""
+"""m. Objects whose largest extent is outside count as a mistake in the units."""
 
 MAX_CAP_SHARE = 0.25
 """Holes that take more of the closed surface than this are not filled in for the mass properties: the convex hull is used instead."""
@@ -45,7 +45,7 @@ UNITS = (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254))
 class ObjectGeometry:
     """A rigid object as a point surface, with its mass properties.
 
-    All in SI units, in the object's own frame: the axes of the file; the origin at the centre of mass unless `centre=False` was given.
+    All in SI units, in the object's own frame: the axes of the file, turned as asked for; the origin at the centre of mass unless `centre=False` was given.
     The arrays are read-only.
 
     Attributes:
@@ -68,19 +68,19 @@ class ObjectGeometry:
     """
 
     name: str
-    points: Array
-    normals: Array | None
-    areas: Array | None
+    points: FloatArray
+    normals: FloatArray | None
+    areas: FloatArray | None
     mass: float
-    centre_of_mass: Array
-    inertia: Array
-    extents: Array
+    centre_of_mass: FloatArray
+    inertia: FloatArray
+    extents: FloatArray
     volume: float
     watertight: bool
     kind: Literal["mesh", "points"]
     mass_source: Literal["volume", "capped", "hull"]
     warnings: tuple[str, ...] = ()
-    vertices: Array | None = None
+    vertices: FloatArray | None = None
     faces: IntArray | None = None
 
     def __post_init__(self) -> None:
@@ -99,12 +99,15 @@ def load_object(
     mass: float | None = None,
     centre: bool = True,
     seed: int = 0,
+    up: Up = "z",
+    rotate: str | None = None,
 ) -> ObjectGeometry:
     """Reads an object from a file and makes it a point surface with mass properties.
 
     Meshes (OBJ, PLY, STL, OFF, GLB, GLTF) are sampled evenly with exactly `points` points. Bare point clouds (PLY without faces, XYZ, NPY; columns
-    x y z or x y z nx ny nz) keep their own points, evenly thinned out if there are more than `points`. The axes are those of the file: nothing
-    is turned, and z is taken to point up.
+    x y z or x y z nx ny nz) keep their own points, evenly thinned out if there are more than `points`, and without those that stray from the
+    surface. Normals that come with a cloud are checked against its points: colours are left out, inward ones turned, and ones without a common
+    side oriented. The axes are those of the file, where z is taken to point up, unless `up` or `rotate` turn it.
 
     Args:
         path: the file.
@@ -115,9 +118,12 @@ def load_object(
         mass: kg; overrides the density.
         centre: move the centre of mass to the origin.
         seed: of the sampling; the same seed gives the same points.
+        up: the axis of the file that points up: "y" for most modelling programs. It becomes z.
+        rotate: rotations about the world's axes after that, in degrees, such as "90 about x" or "90 about x, 45 about z".
 
     Raises:
         ObjectFileError: missing file, directory, unknown extension, unreadable or empty file.
+        UnknownNameError: an `up` that is no axis.
         InvalidValueError: a bad argument, vertices that are not finite, or an object smaller than 1 mm or larger than 2 m.
         InvalidShapeError: a table of points with another number of columns than 3 or 6.
         DegenerateSurfaceError: fewer than 50 points, no area, or no volume (a flat sheet).
@@ -133,9 +139,10 @@ def load_object(
     if scale is not None and size is not None:
         raise InvalidValueError("scale and size", "one of the two", f"scale={scale} and size={size}", "leave one out")
 
+    rotation = rotation_of(up, rotate)
     file = Path(path)
     raw = read_file(file)
-    raw = _scaled(raw, scale, size, file.name)
+    raw = _turned(_scaled(raw, scale, size, file.name), rotation)
     rng = np.random.default_rng(int(seed))
     density_used = DEFAULT_DENSITY if density is None else float(density)
     geometry = (_from_cloud if raw.faces is None else _from_mesh)(raw, file, count, density_used, rng)
@@ -179,6 +186,13 @@ def _scaled(raw: RawGeometry, scale: float | None, size: float | None, what: str
     return RawGeometry(raw.vertices * factor, raw.faces, raw.normals, raw.warnings)
 
 
+def _turned(raw: RawGeometry, rotation: FloatArray) -> RawGeometry:
+    if np.array_equal(rotation, np.eye(3)):
+        return raw
+    normals = None if raw.normals is None else raw.normals @ rotation.T
+    return RawGeometry(np.ascontiguousarray(raw.vertices @ rotation.T), raw.faces, normals, raw.warnings)
+
+
 def _faces_with_corners(faces: IntArray) -> IntArray:
     """Those with three different corners: others are dropped later, and must not count for the size. All if there are none of these."""
     good: IntArray = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
@@ -188,7 +202,7 @@ def _faces_with_corners(faces: IntArray) -> IntArray:
 def _scale_hint(extent: float, scale: float | None) -> str:
     if scale is not None and SMALLEST <= extent <= LARGEST:
         return f"the file's own figures fit: leave out scale={scale:g}"
-    # A thing that a hand can take is between 1 cm and 40 cm in size.
+    # An object that a hand can grasp is between 1 cm and 40 cm in size.
     for name, factor in UNITS:
         if 0.01 <= extent * factor <= 0.4:
             return f"looks like {name}: pass scale={factor:g} (that makes it {extent * factor:.3g} m)"
@@ -255,8 +269,12 @@ def _from_cloud(raw: RawGeometry, file: Path, count: int, density: float, rng: n
     if len(points) < MIN_POINTS:
         hint = "a surface needs more points, or faces to sample"
         raise DegenerateSurfaceError(file.name, f"at least {MIN_POINTS} different points", f"{len(points)}", hint)
+    normals_given = None if normals_given is None else _usable(normals_given, notes)
+    kept, normals_given, met = _screen_cloud(points, normals_given)
+    notes += met
+    points = np.ascontiguousarray(points[kept])
     solid = solid_of_hull(points, file.name)
-    normals = None if normals_given is None else _unit_normals(points, normals_given, solid.centre, notes)
+    normals = None if normals_given is None else _outward(points, normals_given, solid.centre, notes)
     extents = np.ptp(points, axis=0)
     if len(points) > count:
         keep = thin_out(points, normals, count)
@@ -280,14 +298,18 @@ def _from_cloud(raw: RawGeometry, file: Path, count: int, density: float, rng: n
     )
 
 
-def _unit_normals(points: Array, normals: Array, middle: Array, notes: list[str]) -> Array | None:
+def _usable(normals: FloatArray, notes: list[str]) -> FloatArray | None:
     with np.errstate(over="ignore", invalid="ignore"):
         lengths = np.linalg.norm(normals, axis=1)
     bad = ~(np.isfinite(lengths) & (lengths > 1e-12))
     if bad.any():
         notes.append(f"normals left out: {int(bad.sum())} of {len(normals)} are zero or not finite")
         return None
-    unit: Array = normals / lengths[:, None]
+    unit: FloatArray = normals / lengths[:, None]
+    return unit
+
+
+def _outward(points: FloatArray, unit: FloatArray, middle: FloatArray, notes: list[str]) -> FloatArray:
     # For a closed surface sampled evenly, sum n . (p - c) is three times the volume over the area of a point: negative means inward normals.
     if float(np.einsum("ij,ij->", unit, points - middle)) < 0.0:
         notes.append("normals pointed inward: turned outward")

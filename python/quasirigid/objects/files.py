@@ -1,43 +1,30 @@
-"""Files in, raw geometry out: which formats are known, and how each is read. Nothing is repaired here."""
+"""Files in, raw geometry out: which formats are known, and how each is read.
+
+One rule for all formats: what is there is read, with a warning that names what was left out or mended; or an error names the line or the element.
+"""
 
 from __future__ import annotations
 
+import json
+import math
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
-from quasirigid.errors import InvalidShapeError, InvalidValueError, ObjectFileError
+from quasirigid.arrays.types import FloatArray, IntArray
+from quasirigid.errors import InvalidShapeError, InvalidValueError, ObjectFileError, QuasirigidError
+from quasirigid.objects.ply import read_ply
+from quasirigid.objects.raw import EXPORT_HINT, RawGeometry, unreadable
+from quasirigid.objects.stl import read_stl
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+__all__ = ["FORMATS", "RawGeometry", "read_file"]
 
 MESH_FORMATS = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
 POINT_FORMATS = (".xyz", ".npy")
 FORMATS = MESH_FORMATS + POINT_FORMATS
-
-EXPORT_HINT = "export the object again, or convert it with another program"
-
-
-@dataclass(frozen=True, eq=False)
-class RawGeometry:
-    """What a file holds, in the file's own units and frame.
-
-    Attributes:
-        vertices: (n, 3).
-        faces: (m, 3) vertex numbers, or None for a bare point cloud.
-        normals: (n, 3), for a point cloud that stores them; not normalised yet.
-        warnings: what was met and left out.
-    """
-
-    vertices: Array
-    faces: IntArray | None
-    normals: Array | None
-    warnings: tuple[str, ...] = ()
 
 
 def read_file(path: str | os.PathLike[str]) -> RawGeometry:
@@ -71,19 +58,39 @@ def read_file(path: str | os.PathLike[str]) -> RawGeometry:
     if size == 0:
         raise ObjectFileError(f"object file {file.name}", "a mesh or points", "an empty file (0 bytes)", EXPORT_HINT)
 
-    if extension == ".npy":
-        raw = _read_npy(file)
-    elif extension == ".xyz":
-        raw = _read_xyz(file)
-    else:
-        raw = _read_mesh(file)
+    readers = {
+        ".npy": _read_npy,
+        ".xyz": _read_xyz,
+        ".ply": read_ply,
+        ".stl": read_stl,
+        ".obj": _read_obj,
+        ".glb": _read_gltf,
+        ".gltf": _read_gltf,
+    }
+    try:
+        raw = readers.get(extension, _read_mesh)(file)
+    except QuasirigidError:
+        raise
+    except Exception as error:  # the format readers raise whatever they stumble on: IndexError, struct.error, KeyError ...
+        got = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise unreadable(file, "content", f"a readable {file.suffix} file", got) from error
     if len(raw.vertices) == 0:
         raise ObjectFileError(f"object file {file.name}", "faces or points", "neither", EXPORT_HINT)
     _check_finite_vertices(file, raw.vertices)
+    if raw.faces is not None:
+        _check_faces(file, raw.faces, len(raw.vertices))
     return raw
 
 
-def _check_finite_vertices(file: Path, vertices: Array) -> None:
+def _check_faces(file: Path, faces: IntArray, count: int) -> None:
+    wrong = (faces < 0) | (faces >= count)
+    if wrong.any():
+        number = int(np.argmax(wrong.any(axis=1)))
+        got = f"vertex number {int(faces[wrong][0])} in triangle {number}"
+        raise unreadable(file, "faces", f"vertex numbers from 0 to {count - 1}", got)
+
+
+def _check_finite_vertices(file: Path, vertices: FloatArray) -> None:
     bad = ~np.isfinite(vertices).all(axis=1)
     if bad.any():
         raise InvalidValueError(
@@ -95,16 +102,12 @@ def _check_finite_vertices(file: Path, vertices: Array) -> None:
 
 
 def _read_mesh(file: Path) -> RawGeometry:
-    try:
-        scene = trimesh.load_scene(file, process=False)
-        items = [(scene.graph[node], scene.geometry) for node in scene.graph.nodes_geometry]
-    except Exception as error:  # the format readers raise whatever they stumble on: IndexError, struct.error, KeyError ...
-        got = f"{type(error).__name__}: {error}"
-        raise ObjectFileError(f"object file {file.name}", f"a readable {file.suffix} file", got, EXPORT_HINT) from error
-
-    vertices: list[Array] = []
+    """What trimesh reads: OFF, and after checks of our own OBJ and glTF."""
+    scene = trimesh.load_scene(file, process=False)
+    items = [(scene.graph[node], scene.geometry) for node in scene.graph.nodes_geometry]
+    vertices: list[FloatArray] = []
     faces: list[IntArray] = []
-    clouds: list[tuple[Array, Array | None]] = []
+    clouds: list[FloatArray] = []
     loose = 0
     offset = 0
     for (transform, name), geometries in items:
@@ -119,48 +122,98 @@ def _read_mesh(file: Path) -> RawGeometry:
         triangles = getattr(geometry, "faces", None)
         if triangles is not None and len(triangles) > 0:
             triangles = np.asarray(triangles, dtype=np.int64)
-            if triangles.min() < 0 or triangles.max() >= len(points):
-                got = f"vertex number {int(triangles.max() if triangles.max() >= len(points) else triangles.min())}"
-                raise ObjectFileError(f"faces of {file.name}", f"vertex numbers below {len(points)}", got, EXPORT_HINT)
+            _check_faces(file, triangles, len(points))
             if np.linalg.det(matrix[:3, :3]) < 0.0:  # a mirror turns every triangle inside out
                 triangles = triangles[:, ::-1]
             vertices.append(points)
             faces.append(triangles + offset)
             offset += len(points)
         elif len(points) > 0:
-            clouds.append((points, _stored_normals(geometry, len(points))))
+            clouds.append(points)
             loose += len(points)
     if faces:
         notes = (f"{loose} loose points beside the faces are left out",) if loose else ()
         return RawGeometry(np.concatenate(vertices), np.concatenate(faces), None, notes)
     if clouds:
-        all_normals = [normals for _, normals in clouds if normals is not None]
-        normals = np.concatenate(all_normals) if len(all_normals) == len(clouds) == 1 else None
-        return RawGeometry(np.concatenate([points for points, _ in clouds]), None, normals)
+        return RawGeometry(np.concatenate(clouds), None, None)
     raise ObjectFileError(f"object file {file.name}", "faces or points", "neither", EXPORT_HINT)
 
 
-def _stored_normals(cloud: Any, count: int) -> Array | None:
-    """Normals of a PLY point cloud: trimesh keeps them only in the raw elements."""
+def _read_obj(file: Path) -> RawGeometry:
+    """Vertices and faces are checked line by line; then trimesh reads the file."""
+    corners = 0
+    whole = file.read_bytes().replace(b"\\\r\n", b"  ").replace(b"\\\n", b" ").decode("latin-1")
+    for number, line in enumerate(whole.split("\n"), start=1):
+        words = line.split("#", 1)[0].split()
+        if not words or words[0] not in ("v", "f"):
+            continue
+        if words[0] == "v":
+            corners += 1
+            try:
+                good = len([float(word) for word in words[1:4]]) == 3
+            except ValueError:
+                good = False
+            if not good:
+                raise unreadable(file, f"line {number}", "v x y z", repr(line.strip()[:60]))
+        else:
+            _check_obj_face(file, number, line, words[1:], corners)
+    return _read_mesh(file)
+
+
+def _check_obj_face(file: Path, number: int, line: str, words: list[str], corners: int) -> None:
     try:
-        data = cloud.metadata["_ply_raw"]["vertex"]["data"]
-        columns = [np.asarray(data[name], dtype=np.float64).reshape(-1) for name in ("nx", "ny", "nz")]
-    except (AttributeError, KeyError, TypeError, ValueError, IndexError):
-        return None
-    normals = np.stack(columns, axis=1)
-    return normals if len(normals) == count else None
+        named = [int(word.split("/", 1)[0]) for word in words]
+    except ValueError:
+        named = []
+    if len(named) < 3 or 0 in named or min(named) < -corners:
+        expected = f"f with three or more vertex numbers, from 1 on, or from -1 down to -{corners}"
+        raise unreadable(file, f"line {number}", expected, repr(line.strip()[:60]))
+
+
+TRIANGLE_FAN = 6
+"""A way to draw faces in glTF that trimesh leaves out."""
+
+
+def _read_gltf(file: Path) -> RawGeometry:
+    content = file.read_bytes()
+    if file.suffix.lower() == ".glb":
+        content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
+    described = json.loads(content)
+    pieces = [piece for mesh in described.get("meshes", ()) for piece in mesh.get("primitives", ())]
+    fans = sum(piece.get("mode") == TRIANGLE_FAN for piece in pieces)
+    if fans and fans == len(pieces):
+        raise unreadable(file, "faces", "triangles or triangle strips", f"{fans} pieces, all of them triangle fans")
+    raw = _read_mesh(file)
+    if not fans:
+        return raw
+    notes = (*raw.warnings, f"{fans} pieces made of triangle fans left out")
+    return RawGeometry(raw.vertices, raw.faces, raw.normals, notes)
 
 
 def _read_npy(file: Path) -> RawGeometry:
     try:
+        _check_npy_size(file)
         table = np.load(file, allow_pickle=False)
+        if table.dtype.kind not in "fiub":
+            raise ValueError(f"an array of type {table.dtype}")
         table = np.asarray(table, dtype=np.float64)
     except Exception as error:  # ValueError, EOFError, SyntaxError of a broken header ...
-        got = f"{type(error).__name__}: {error}"
+        got = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         raise ObjectFileError(
             f"object file {file.name}", "one array of numbers in NumPy's format", got, "save it with numpy.save"
         ) from error
     return _from_table(file, table)
+
+
+def _check_npy_size(file: Path) -> None:
+    """Refuses a header that speaks of more than the file holds: NumPy would make room for it first."""
+    with file.open("rb") as stream:
+        version = np.lib.format.read_magic(stream)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, kind = read(stream)
+        needed, there = math.prod(shape) * kind.itemsize, file.stat().st_size - stream.tell()
+    if needed > there:
+        raise ValueError(f"{there} bytes of an array of shape {shape}, which has {needed}")
 
 
 def _read_xyz(file: Path) -> RawGeometry:
@@ -191,19 +244,12 @@ def _read_xyz(file: Path) -> RawGeometry:
     return _from_table(file, np.asarray(rows, dtype=np.float64))
 
 
-def _from_table(file: Path, table: Array) -> RawGeometry:
+def _from_table(file: Path, table: FloatArray) -> RawGeometry:
     if table.ndim != 2 or table.shape[1] not in (3, 6):
         hint = "columns are x y z, or x y z nx ny nz"
         raise InvalidShapeError(f"points of {file.name}", "a table of shape (n, 3) or (n, 6)", f"shape {table.shape}", hint)
+    if len(table) == 0:
+        raise ObjectFileError(f"object file {file.name}", "faces or points", f"neither: an empty table of shape {table.shape}", EXPORT_HINT)
     points = np.ascontiguousarray(table[:, :3])
-    if table.shape[1] == 3:
-        return RawGeometry(points, None, None)
-    extra = np.ascontiguousarray(table[:, 3:])
-    with np.errstate(invalid="ignore"):
-        # Lengths cannot tell colours 0 to 1 from normals; whole numbers up to 255 can only be colours.
-        colours = bool(
-            np.isfinite(extra).all() and (extra >= 0).all() and (extra <= 255).all() and extra.max() > 2 and (extra % 1 == 0).all()
-        )
-    if colours:
-        return RawGeometry(points, None, None, ("columns 4 to 6 look like colours (whole numbers up to 255), not normals: left out",))
-    return RawGeometry(points, None, extra)
+    # Whether columns 4 to 6 are normals, or colours say, is seen from the points: the engine looks.
+    return RawGeometry(points, None, np.ascontiguousarray(table[:, 3:]) if table.shape[1] == 6 else None)

@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from quasirigid.arrays.types import FloatArray, IntArray
 from quasirigid.errors import DegenerateSurfaceError
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 FLAT = 1e-4
 """A hull thinner than this share of its extent is a sheet: it has no volume to give a mass to."""
@@ -35,11 +32,11 @@ class Solid:
     """
 
     volume: float
-    centre: Array
-    inertia: Array
+    centre: FloatArray
+    inertia: FloatArray
 
 
-def solid_of_mesh(vertices: Array, faces: IntArray) -> Solid:
+def solid_of_mesh(vertices: FloatArray, faces: IntArray) -> Solid:
     """Mass properties of a closed, outward-wound mesh of density 1.
 
     Each triangle with the origin makes a tetrahedron; with corners a, b, c, determinant d = a . (b x c) and s = a + b + c:
@@ -58,7 +55,7 @@ def solid_of_mesh(vertices: Array, faces: IntArray) -> Solid:
     return Solid(volume, centre + middle, 0.5 * (inertia + inertia.T))
 
 
-def solid_of_hull(points: Array, what: str) -> Solid:
+def solid_of_hull(points: FloatArray, what: str) -> Solid:
     """Mass properties of the convex hull of points, density 1.
 
     Raises:
@@ -86,7 +83,7 @@ def solid_of_hull(points: Array, what: str) -> Solid:
     return solid_of_mesh(points, faces)
 
 
-def outermost(points: Array) -> Array:
+def outermost(points: FloatArray) -> FloatArray:
     """Of many points those that are farthest out as seen from their middle, one for each of `6 * HULL_BINS**2` directions: their hull stands for that of all.
 
     A hull goes with its points when they are stretched, so that directions are taken where the points are as long as they are wide and thick. Of a round body
@@ -112,7 +109,7 @@ def outermost(points: Array) -> Array:
     radius = np.einsum("ij,ij->i", turned, turned)
     farthest = np.zeros(6 * HULL_BINS**2)
     np.maximum.at(farthest, bins, radius)
-    kept: Array = points[radius == farthest[bins]]
+    kept: FloatArray = points[radius == farthest[bins]]
     return kept
 
 

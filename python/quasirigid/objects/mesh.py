@@ -12,19 +12,17 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from quasirigid.arrays.types import FloatArray, IntArray
 from quasirigid.errors import DegenerateSurfaceError
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
 WELD = 1e-7
-"""Vertices closer than this share of the largest extent are one: formats such as STL store each corner anew."""
+"""Vertices closer than this share of the largest extent are one: formats such as STL repeat each corner."""
 
 SMOOTH_ANGLE = math.radians(30.0)
 """Edges that bend less are shaded smoothly; sharper ones stay edges, so that a box keeps flat faces."""
 
 MAX_PARTS_TURNED = 1000
-"""Parts looked at one by one to turn them outward; a mesh in more pieces is a soup, and is turned as a whole."""
+"""Parts checked one by one to turn them outward; a mesh in more pieces is a soup, and is turned as a whole."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +36,7 @@ class CleanMesh:
         warnings: what was found and what was done about it.
     """
 
-    vertices: Array
+    vertices: FloatArray
     faces: IntArray
     watertight: bool
     warnings: tuple[str, ...]
@@ -55,7 +53,7 @@ class _Edges:
     uses: IntArray  # (e,) number of uses of each edge
 
 
-def clean_mesh(vertices: Array, faces: IntArray, what: str) -> CleanMesh:
+def clean_mesh(vertices: FloatArray, faces: IntArray, what: str) -> CleanMesh:
     """Welds, drops useless faces, turns the surface outward, and counts what remains wrong.
 
     Args:
@@ -103,7 +101,7 @@ def clean_mesh(vertices: Array, faces: IntArray, what: str) -> CleanMesh:
     return CleanMesh(vertices, faces, watertight, tuple(notes))
 
 
-def corner_normals(vertices: Array, faces: IntArray) -> Array:
+def corner_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Outward unit normals at the three corners of each face, (m, 3, 3) by face, corner, axis.
 
     Faces around a vertex that hang together over edges bent by less than 30 degrees share one normal, weighted by area: large flat faces
@@ -137,18 +135,18 @@ def corner_normals(vertices: Array, faces: IntArray) -> Array:
     normals = shared[group]
     lost = lengths[group] <= 0.0
     normals[lost] = np.repeat(unit, 3, axis=0)[lost]
-    corners: Array = normals.reshape(-1, 3, 3)
+    corners: FloatArray = normals.reshape(-1, 3, 3)
     return corners
 
 
-def _crosses(vertices: Array, faces: IntArray) -> Array:
+def _crosses(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Face normals times twice the area, (m, 3)."""
     corners = vertices[faces]
-    crosses: Array = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    crosses: FloatArray = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return crosses
 
 
-def _weld(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
+def _weld(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     vertices, faces = _used(vertices, faces)
     extent = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
     if extent == 0.0:
@@ -166,7 +164,7 @@ def _weld(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
     return np.ascontiguousarray(vertices[lowest[order]]), rank[group[same.reshape(-1)]][faces]
 
 
-def _used(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
+def _used(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """The vertices that faces have, in their order."""
     used, compact = np.unique(faces, return_inverse=True)
     return vertices[used], compact.reshape(faces.shape).astype(np.int64)
@@ -210,7 +208,7 @@ def _parts(edges: _Edges, count: int) -> IntArray:
     return np.asarray(part, dtype=np.int64)
 
 
-def _turn_outward(vertices: Array, faces: IntArray, part: IntArray, notes: list[str]) -> IntArray:
+def _turn_outward(vertices: FloatArray, faces: IntArray, part: IntArray, notes: list[str]) -> IntArray:
     """Turns parts that enclose a negative volume, unless they are cavities in another part."""
     corners = vertices[faces]
     if int(part.max()) + 1 > MAX_PARTS_TURNED:
@@ -241,7 +239,7 @@ def _turn_outward(vertices: Array, faces: IntArray, part: IntArray, notes: list[
     return faces
 
 
-def _winding_number(corners: Array, point: Array) -> float:
+def _winding_number(corners: FloatArray, point: FloatArray) -> float:
     """How often a surface goes round a point: the sum of the solid angles of its triangles (van Oosterom and Strackee, 1983), over 4 pi."""
     a, b, c = (corners[:, k] - point for k in range(3))
     la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
@@ -260,7 +258,7 @@ def _count_holes(edges: _Edges) -> int:
     return int(connected_components(graph, directed=False)[0])
 
 
-def cap_holes(vertices: Array, faces: IntArray) -> tuple[Array, IntArray, float]:
+def cap_holes(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, float]:
     """Closes every hole with a fan of triangles to the middle of its rim.
 
     Returns:

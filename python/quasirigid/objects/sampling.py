@@ -11,11 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from quasirigid.arrays.types import FloatArray, IntArray
 
 OVERSAMPLING = 5
 """Dense samples per wanted point. Fewer than 4 shows as uneven spacing; more costs time for little."""
@@ -28,7 +26,7 @@ OPPOSED = -0.5
 """Samples whose normals have a dot product below this lie on opposite sides of a thin part and do not push each other away."""
 
 
-def sample_mesh(vertices: Array, faces: IntArray, count: int, rng: np.random.Generator) -> tuple[Array, IntArray, Array]:
+def sample_mesh(vertices: FloatArray, faces: IntArray, count: int, rng: np.random.Generator) -> tuple[FloatArray, IntArray, FloatArray]:
     """Samples a triangle mesh evenly.
 
     Args:
@@ -58,7 +56,7 @@ def sample_mesh(vertices: Array, faces: IntArray, count: int, rng: np.random.Gen
     return points[keep], face[keep], barycentric[keep]
 
 
-def thin_out(points: Array, normals: Array | None, count: int) -> IntArray:
+def thin_out(points: FloatArray, normals: FloatArray | None, count: int) -> IntArray:
     """Chooses `count` points of a cloud, evenly spread, and returns their positions in the cloud in rising order."""
     area = _area_of_cloud(points)
     if len(points) <= 2 * OVERSAMPLING * count:
@@ -67,7 +65,7 @@ def thin_out(points: Array, normals: Array | None, count: int) -> IntArray:
     return dense[eliminate(points[dense], None if normals is None else normals[dense], count, area)]
 
 
-def has_duplicates(points: Array) -> bool:
+def has_duplicates(points: FloatArray) -> bool:
     """Whether some of the points (n, 3) are equal. Two different ones are taken for equal with a chance of n^2 / 2^65: then there is nothing lost but time."""
     bits = np.ascontiguousarray(points + 0.0).view(np.uint64)  # + 0.0: the bits of -0.0 are others
     mixed = bits[:, 0].copy()
@@ -80,14 +78,14 @@ def has_duplicates(points: Array) -> bool:
     return bool((mixed[1:] == mixed[:-1]).any())
 
 
-def _area_of_cloud(points: Array) -> float:
+def _area_of_cloud(points: FloatArray) -> float:
     """Area of the surface that a cloud covers evenly, m^2, from the distance to the eighth neighbour of some of its points."""
     some = points[:: max(1, len(points) // AREA_SAMPLE)]
     distances, _ = cKDTree(points).query(some, k=9)
     return len(points) * float(np.median(distances[:, -1])) ** 2 * math.pi / 8.5
 
 
-def _one_per_cell(points: Array, normals: Array | None, count: int, area: float) -> IntArray:
+def _one_per_cell(points: FloatArray, normals: FloatArray | None, count: int, area: float) -> IntArray:
     """About `count` points or more of a much denser cloud, in rising order: one for each cell of a grid, and for each way that its normals look."""
     low = points.min(axis=0)
     # A surface at an angle cuts 1.5 times as many cells as one along the grid.
@@ -109,7 +107,7 @@ AREA_SAMPLE = 4096
 """Points that the area of a cloud is estimated from."""
 
 
-def eliminate(points: Array, normals: Array | None, count: int, area: float) -> IntArray:
+def eliminate(points: FloatArray, normals: FloatArray | None, count: int, area: float) -> IntArray:
     """Takes out samples until `count` are left, the most crowded first.
 
     Args:

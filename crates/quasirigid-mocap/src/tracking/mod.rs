@@ -10,16 +10,29 @@
 //! Its weight stays 1 for [`TrackingOptions::hold`] and then goes to 0 within [`TrackingOptions::fade`]. When it is seen again, the pose glides to it and
 //! the weight rises. A spring to a target should be scaled by the weight. What was away for a frame or some, and has gone on meanwhile as before, is shown as
 //! if it had been seen; elsewhere than that it glides, as after a longer loss. A frame that never came says nothing about what was seen.
+//!
+//! **Bad frames.** A pose that no hand can have come to since the last one is dropped, as are those of fingers that were taken for each other
+//! and of one whose nail is where the pad was (the module `gate` has the rules). The part is then not seen in that frame. [`HandTracker::dropped`] counts
+//! them. If it lasts, it is believed, and glided to as after a loss.
 
 mod clock;
+mod dropped;
+mod gate;
+mod options;
 mod part;
+mod target;
 mod track;
 
 pub use clock::ClockSync;
+pub use dropped::Dropped;
+pub use options::{Delay, TrackingOptions};
+pub use target::{HandTargets, Target, TargetState};
 
 use crate::error::{Error, Result, check_within};
 use crate::hand_frame::ReferenceFrame;
-use crate::{HandFrame, Pose, Side, Vec3};
+use crate::{HandFrame, Pose, Side};
+use dropped::DroppedMeter;
+use gate::{Gate, TopSpeed, Verdict, are_exchanged};
 use part::Part;
 use track::Motion;
 
@@ -48,91 +61,6 @@ const NOTHING: (f64, f64) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
 /// Times beyond this, s, are refused: a double cannot tell milliseconds apart there.
 const LATEST: f64 = 1e12;
 
-/// How far in the past the hand is shown.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Delay {
-    /// One period of the tracker plus the lateness of 95 of 100 packets, at most 0.1 s.
-    Auto,
-    /// So many seconds. 0 predicts: the least latency, and overshoots when the hand turns back.
-    Fixed(f64),
-}
-
-/// What can be chosen about [`HandTracker`]; times in s.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TrackingOptions {
-    /// How far in the past the hand is shown.
-    pub delay: Delay,
-    /// How long something that is not seen keeps its full weight: from the first frame without it, or, if no frames come, from the time when two of them
-    /// are missing. Longer bridges longer losses, shorter lets go sooner.
-    pub hold: f64,
-    /// How long the weight then takes to 0.
-    pub fade: f64,
-    /// Time constant with which a pose glides to where it should be, and the time that the weight takes to 1. Shorter catches up sooner and jerks more.
-    pub catch: f64,
-}
-
-impl Default for TrackingOptions {
-    fn default() -> Self {
-        Self { delay: Delay::Auto, hold: 0.5, fade: 0.5, catch: 0.1 }
-    }
-}
-
-impl TrackingOptions {
-    /// # Errors
-    /// [`Error::InvalidValue`] for times that are not finite, negative, or of no use: more than a minute, a delay over 1 s, `catch` under 1 ms.
-    pub fn check(&self) -> Result<()> {
-        if let Delay::Fixed(delay) = self.delay {
-            check_within("delay", delay, 0.0, 1.0, "s")?;
-        }
-        check_within("hold", self.hold, 0.0, 60.0, "s")?;
-        check_within("fade", self.fade, 0.0, 60.0, "s")?;
-        check_within("catch", self.catch, 1e-3, 60.0, "s")
-    }
-}
-
-/// How a target stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum TargetState {
-    /// Seen.
-    Live,
-    /// Not seen, weight still up.
-    Held,
-    /// Not seen, weight going down.
-    Fading,
-    /// Not seen for long: weight 0.
-    Lost,
-}
-
-/// Where a palm or fingertip should be.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Target {
-    /// In the world.
-    pub pose: Pose,
-    /// m/s, world.
-    pub linear_velocity: Vec3,
-    /// rad/s, world.
-    pub angular_velocity: Vec3,
-    /// 0 to 1: how much to believe it. Continuous in time.
-    pub weight: f64,
-    /// m; 0 for the palm.
-    pub pad_radius: f64,
-    /// Seen or not.
-    pub state: TargetState,
-}
-
-/// A hand at the moment it was asked for.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HandTargets {
-    /// The palm; None if it was never seen.
-    pub palm: Option<Target>,
-    /// By [`crate::Finger`]; None for those never seen.
-    pub fingers: [Option<Target>; 5],
-    /// How far in the past the hand is shown, s.
-    pub delay: f64,
-    /// Time on the tracker's clock that is shown, s.
-    pub time: f64,
-}
-
 /// One hand: takes frames when they come, gives targets when they are needed. Allocates nothing once made.
 #[derive(Debug, Clone)]
 pub struct HandTracker {
@@ -140,6 +68,10 @@ pub struct HandTracker {
     options: TrackingOptions,
     world_from_tracker: Pose,
     parts: [Part; 6],
+    gates: [Gate; 6],
+    dropped: DroppedMeter,
+    /// Time of the first pose of the palm after its last relocation, s on the tracker's clock.
+    relocated_since: f64,
     clock: ClockSync,
     waiting: Vec<HandFrame>,
     /// Time and arrival of the newest frame.
@@ -162,6 +94,9 @@ impl HandTracker {
             options,
             world_from_tracker,
             parts: Default::default(),
+            gates: std::array::from_fn(|k| Gate::new(if k == PALM { TopSpeed::PALM } else { TopSpeed::FINGERTIP })),
+            dropped: DroppedMeter::default(),
+            relocated_since: f64::NEG_INFINITY,
             clock: ClockSync::default(),
             waiting: Vec::with_capacity(WAITING),
             newest: NOTHING,
@@ -242,6 +177,11 @@ impl HandTracker {
         }
     }
 
+    /// What was not believed so far.
+    pub fn dropped(&self) -> Dropped {
+        self.dropped.counts()
+    }
+
     /// The clock: period and jitter of the stream.
     pub fn clock(&self) -> &ClockSync {
         &self.clock
@@ -285,11 +225,84 @@ impl HandTracker {
         for (part, seen) in self.parts.iter_mut().zip(seen_parts(frame)) {
             part.start_anew(frame.time, seen.is_some());
         }
+        self.gates.iter_mut().for_each(Gate::clear);
+        self.relocated_since = f64::NEG_INFINITY;
+        self.dropped.start_anew();
         (self.newest, self.stale) = (NOTHING, (0, f64::NEG_INFINITY));
     }
 
+    /// What of a frame is believed. What is not is counted, and suspects that turn out to be right are put in their places.
+    fn believed_parts(&mut self, frame: &HandFrame) -> [Option<Pose>; 6] {
+        let mut seen = seen_parts(frame);
+        // The palm first: fingers are expected to move with it.
+        self.judge(PALM, frame.time, &mut seen, false);
+        let exchanged = self.exchanged(frame.time, &seen);
+        for (finger, exchanged) in exchanged.into_iter().enumerate() {
+            self.judge(finger, frame.time, &mut seen, exchanged);
+        }
+        seen
+    }
+
+    /// Judges one part of a frame, and takes it out if it is not believed.
+    fn judge(&mut self, k: usize, time: f64, seen: &mut [Option<Pose>; 6], exchanged: bool) {
+        let Some(measured) = seen[k] else { return };
+        let with_hand = self.with_hand(k, seen);
+        let (part, gate) = (&mut self.parts[k], &mut self.gates[k]);
+        let verdict = match gate.judge(&part.track, time, &measured, with_hand.as_ref(), exchanged) {
+            // A finger is relocated with the palm: what was before is another place for it, too.
+            Verdict::Believe | Verdict::Confirm
+                if time >= self.relocated_since && part.track.newest().is_some_and(|newest| newest < self.relocated_since) =>
+            {
+                Verdict::Relocate
+            }
+            verdict => verdict,
+        };
+        match verdict {
+            Verdict::Believe => {}
+            Verdict::Drop(fault) => {
+                self.dropped.add(time, k, fault);
+                seen[k] = None;
+            }
+            verdict => {
+                self.dropped.take_off(gate.suspects.times(), k);
+                if verdict == Verdict::Relocate {
+                    self.dropped.relocate(time);
+                    if k == PALM {
+                        self.relocated_since = gate.suspects.oldest().unwrap_or(time);
+                    }
+                    part.relocate(&gate.suspects);
+                } else {
+                    part.confirm(&gate.suspects);
+                }
+                gate.clear();
+            }
+        }
+    }
+
+    /// Where a part would be if it had moved as one body with what it was last seen together with, if that is seen.
+    fn with_hand(&self, k: usize, seen: &[Option<Pose>; 6]) -> Option<Pose> {
+        self.parts[k].carrier.and_then(|(other, relative)| Some(seen[other]? * relative))
+    }
+
+    /// Which fingers of a frame are at each other's place.
+    fn exchanged(&self, time: f64, seen: &[Option<Pose>; 6]) -> [bool; PALM] {
+        let mut exchanged = [false; PALM];
+        let expected: [Option<Pose>; PALM] =
+            std::array::from_fn(|k| seen[k].and_then(|_| self.parts[k].track.expected(time).or_else(|| self.with_hand(k, seen))));
+        for i in 0..PALM {
+            for j in i + 1..PALM {
+                if let (Some(a), Some(b), Some(p), Some(q)) = (&expected[i], &expected[j], &seen[i], &seen[j])
+                    && are_exchanged([a, b], [p, q])
+                {
+                    (exchanged[i], exchanged[j]) = (true, true);
+                }
+            }
+        }
+        exchanged
+    }
+
     fn insert(&mut self, frame: &HandFrame) {
-        let seen = seen_parts(frame);
+        let seen = self.believed_parts(frame);
         let is_newest = frame.time > self.newest.0;
         for (k, part) in self.parts.iter_mut().enumerate() {
             let Some(pose) = seen[k] else {

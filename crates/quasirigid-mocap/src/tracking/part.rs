@@ -1,6 +1,6 @@
 //! One part of a hand (palm or fingertip): what is known of it, and how what is shown differs from that.
 
-use super::TrackingOptions;
+use super::options::TrackingOptions;
 use super::track::Track;
 use crate::{Pose, Rot, Vec3};
 
@@ -57,6 +57,18 @@ impl Part {
                 self.entry = carrier.filter(|(_, relative)| relative.translation.vector.norm() < HAND);
             }
         }
+    }
+
+    /// It moved fast: `suspects` were not believed until now, and its frames counted as without it.
+    pub fn confirm(&mut self, suspects: &Track) {
+        self.missing = self.missing.filter(|&missing| suspects.oldest().is_some_and(|first| missing < first));
+        self.track.add(suspects);
+    }
+
+    /// It is elsewhere since the first of `suspects`. What is shown glides there.
+    pub fn relocate(&mut self, suspects: &Track) {
+        self.track.restart_with(suspects);
+        (self.missing, self.entry) = (None, None);
     }
 
     /// The newest radius of its pad, m. What is shown glides to it, as a place does.

@@ -7,6 +7,8 @@ use std::collections::VecDeque;
 const KEPT: usize = 1024;
 /// Half width of the window in which velocities are fitted, s. Noise of 0.3 mm at 500 Hz would else be 0.2 m/s.
 const HALF_WINDOW: f64 = 0.04;
+/// A motion that was not seen for longer, s, says no more where a part should be: a finger takes another one's place within it.
+const REMEMBERED_MOTION: f64 = 0.07;
 
 /// A pose and how it moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,30 +33,52 @@ impl Motion {
 #[derive(Debug, Clone)]
 pub(super) struct Track {
     samples: VecDeque<(f64, Pose)>,
+    /// How many are kept.
+    kept: usize,
     /// What is older than this, s, belongs to another place.
     since: f64,
 }
 
 impl Default for Track {
     fn default() -> Self {
-        Self { samples: VecDeque::with_capacity(KEPT + 1), since: f64::NEG_INFINITY }
+        Self::with_room_for(KEPT)
     }
 }
 
 impl Track {
-    /// Puts a pose in its place in time. Duplicates and what is older than all that is kept are dropped.
-    pub fn insert(&mut self, time: f64, pose: Pose) {
+    /// A track that keeps the newest `kept` poses.
+    pub fn with_room_for(kept: usize) -> Self {
+        Self { samples: VecDeque::with_capacity(kept + 1), kept, since: f64::NEG_INFINITY }
+    }
+
+    /// Puts a pose in its place in time. Duplicates and what is older than all that is kept are dropped. Whether it was new.
+    pub fn insert(&mut self, time: f64, pose: Pose) -> bool {
         if time < self.since {
-            return;
+            return false;
         }
         let place = self.samples.partition_point(|&(t, _)| t < time);
         let twin = |k: usize| self.samples.get(k).is_some_and(|&(t, _)| (t - time).abs() < 1e-7);
-        if twin(place) || (place > 0 && twin(place - 1)) || (place == 0 && self.samples.len() == KEPT) {
-            return;
+        if twin(place) || (place > 0 && twin(place - 1)) || (place == 0 && self.samples.len() == self.kept) {
+            return false;
         }
         self.samples.insert(place, (time, pose));
-        if self.samples.len() > KEPT {
+        if self.samples.len() > self.kept {
             self.samples.pop_front();
+        }
+        true
+    }
+
+    /// Goes on with the poses of another track alone; what is older belongs to another place.
+    pub fn restart_with(&mut self, other: &Self) {
+        self.samples.clear();
+        self.since = other.oldest().unwrap_or(f64::NEG_INFINITY);
+        self.add(other);
+    }
+
+    /// Takes in the poses of another track.
+    pub fn add(&mut self, other: &Self) {
+        for &(time, pose) in &other.samples {
+            self.insert(time, pose);
         }
     }
 
@@ -81,6 +105,54 @@ impl Track {
             self.since = time;
         }
         parted
+    }
+
+    /// How many poses there are.
+    pub fn len(&self) -> usize {
+        self.samples.len()
+    }
+
+    /// Times of all poses, in order.
+    pub fn times(&self) -> impl Iterator<Item = f64> {
+        self.samples.iter().map(|&(time, _)| time)
+    }
+
+    /// The newest pose and its time.
+    pub fn end(&self) -> Option<(f64, Pose)> {
+        self.samples.back().copied()
+    }
+
+    /// Velocity at the newest pose, m/s, fitted to the poses of the last [`HALF_WINDOW`] and two at least; zero of a single one.
+    pub fn end_velocity(&self) -> Vec3 {
+        let count = self.samples.len();
+        let Some((newest, _)) = self.end().filter(|_| count > 1) else { return Vec3::zeros() };
+        let start = self.samples.partition_point(|&(t, _)| t < newest - HALF_WINDOW);
+        self.slope(start.min(count - 2), count).0
+    }
+
+    /// Where it should be at `time` if it goes on as it was, for [`REMEMBERED_MOTION`] at most. None later, or before the newest pose.
+    pub fn expected(&self, time: f64) -> Option<Pose> {
+        let (newest, pose) = self.end()?;
+        let ahead = time - newest;
+        let position = pose.translation.vector + self.end_velocity() * ahead;
+        (ahead > 0.0 && ahead <= REMEMBERED_MOTION).then(|| Pose::from_parts(position.into(), pose.rotation))
+    }
+
+    /// The oldest two poses, in order.
+    pub fn first_two(&self) -> [Option<(f64, Pose)>; 2] {
+        [self.samples.front().copied(), self.samples.get(1).copied()]
+    }
+
+    /// The newest two poses, in order.
+    pub fn last_two(&self) -> [Option<(f64, Pose)>; 2] {
+        let count = self.samples.len();
+        [count.checked_sub(2).and_then(|k| self.samples.get(k).copied()), self.samples.back().copied()]
+    }
+
+    /// The poses at or before `time`, and after it.
+    pub fn around(&self, time: f64) -> [Option<(f64, Pose)>; 2] {
+        let after = self.samples.partition_point(|&(t, _)| t <= time);
+        [after.checked_sub(1).and_then(|k| self.samples.get(k).copied()), self.samples.get(after).copied()]
     }
 
     /// The newest pose.

@@ -1,7 +1,9 @@
 //! Mass, centre of mass and inertia of a body.
 
 use crate::error::{Error, Result, check_finite, check_positive};
-use crate::math::{Mat3, Pose, Real, Vec3};
+use crate::math::{Mat3, Pose, Real, Rot, Vec3};
+use nalgebra::Translation3;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// How much matter there is: a density, or the mass itself.
@@ -24,11 +26,28 @@ impl Amount {
 }
 
 /// Mass properties of one rigid body, checked: mass > 0, inertia symmetric, positive definite, triangle inequality.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Unchecked")]
 pub struct MassProperties {
     mass: Real,
     center_of_mass: Vec3,
     inertia: Mat3,
+}
+
+/// What is read where mass properties are expected, before it is checked.
+#[derive(Deserialize)]
+struct Unchecked {
+    mass: Real,
+    center_of_mass: Vec3,
+    inertia: Mat3,
+}
+
+impl TryFrom<Unchecked> for MassProperties {
+    type Error = Error;
+
+    fn try_from(read: Unchecked) -> Result<Self> {
+        Self::new(read.mass, read.center_of_mass, read.inertia)
+    }
 }
 
 /// An inertia may fail symmetry and the triangle inequality by this share of its largest moment: room for rounding and for
@@ -88,6 +107,17 @@ impl MassProperties {
         let mass = amount.mass(size.x * size.y * size.z)?;
         let square = size.component_mul(&size) * (mass / 12.0);
         Self::new(mass, Vec3::zeros(), diagonal(square.y + square.z, square.z + square.x, square.x + square.y))
+    }
+
+    /// Of a body of which only the mass (kg) is known: a solid box, the bounding box of its surface points (m), axes of the body's frame.
+    ///
+    /// # Errors
+    /// A mass that is not a finite number > 0; no point, or points that lie in a plane along two axes: such a box has no volume.
+    pub fn of_bounding_box(points: &[Vec3], mass: Real) -> Result<Self> {
+        let start = Vec3::repeat(Real::INFINITY);
+        let (low, high) = points.iter().fold((start, -start), |(low, high), p| (low.inf(p), high.sup(p)));
+        Self::cuboid(high - low, Amount::Mass(mass))?
+            .transformed(&Pose::from_parts(Translation3::from((low + high) * 0.5), Rot::identity()))
     }
 
     /// A solid sphere of `radius` (m), centred on the origin.
@@ -210,7 +240,6 @@ fn diagonal(x: Real, y: Real, z: Real) -> Mat3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::Rot;
 
     /// Mass and inertia about the centre by brute force: cells of a fine grid that lie inside the shape.
     fn by_grid(extent: Vec3, inside: impl Fn(&Vec3) -> bool) -> (Real, Mat3) {
@@ -230,6 +259,22 @@ mod tests {
             }
         }
         (mass, inertia)
+    }
+
+    #[test]
+    fn a_mass_alone_gives_the_inertia_of_the_bounding_box_wherever_the_points_lie() {
+        let (size, center) = (Vec3::new(0.02, 0.04, 0.06), Vec3::new(0.1, -0.2, 0.3));
+        // An octahedron: it touches every side of its bounding box.
+        let points: Vec<Vec3> = (0..3).flat_map(|k| [-0.5, 0.5].map(|side| center + Vec3::ith(k, side * size[k]))).collect();
+        let made = MassProperties::of_bounding_box(&points, 0.3).unwrap();
+        let cuboid = MassProperties::cuboid(size, Amount::Mass(0.3)).unwrap();
+        let off = (made.inertia() - cuboid.inertia()).amax() / cuboid.inertia().amax();
+        assert!(made.mass() == 0.3 && off < 1e-12, "mass {}, inertia off by {off:e}", made.mass());
+        assert!((made.center_of_mass() - center).amax() < 1e-15, "{}", made.center_of_mass());
+        for flat in [&points[..1], &[], &[Vec3::zeros(), Vec3::x(), Vec3::y()]] {
+            assert!(MassProperties::of_bounding_box(flat, 0.3).is_err());
+        }
+        assert!(MassProperties::of_bounding_box(&points, -0.3).is_err());
     }
 
     #[test]

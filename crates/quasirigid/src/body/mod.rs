@@ -1,35 +1,25 @@
-//! Bodies: free and fixed rigid bodies, articulated fingers, hands; what drives them and what they are made of.
+//! Bodies, what moves: free and fixed rigid bodies, articulated fingers, hands, and what drives them.
 
+pub mod articulation;
 pub mod drive;
 pub mod entry;
-pub mod finger;
-pub mod finger_dynamics;
-pub mod finger_model;
-pub mod friction;
-pub mod friction_table;
-pub mod hand;
-pub mod inverse_kinematics;
 pub mod mass_properties;
-pub mod material;
+pub(crate) mod pose;
 pub mod rigid;
-pub mod skin;
 
+pub use articulation::hand::{FingerTip, HandModel};
+pub use articulation::model::{FingerModel, JointModel};
+pub use articulation::{Finger, FingerState, JointStop};
 pub use drive::PoseDrive;
 pub use entry::BodyEntry;
-pub use finger::{Finger, FingerState, JointStop};
-pub use finger_model::{FingerModel, JointModel};
-pub use friction::{Friction, Grain};
-pub use friction_table::{FrictionRule, PairFriction};
-pub use hand::{FingerTip, HandModel};
 pub use mass_properties::{Amount, MassProperties};
-pub use material::{ComplianceModel, Material};
 pub use rigid::{Mobility, RigidBody, RigidState};
-pub use skin::{Skin, Sphere};
 
 use crate::math::{Mat3x6, Pose, Real, Vec3};
+use serde::{Deserialize, Serialize};
 
 /// Whether a body has inertia.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Motion {
     /// Newton and Euler: `M dv/dt = forces`.
     Inertial,
@@ -40,7 +30,7 @@ pub enum Motion {
 /// One body of a world: its generalised displacements are the unknowns of a step.
 // A world has few bodies and steps through them by reference: a box around the larger variant would save nothing.
 #[allow(clippy::large_enum_variant)]
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Body {
     /// A rigid body, one link.
     Rigid(RigidBody),
@@ -123,7 +113,7 @@ impl Body {
     /// body on its way to its target, or the base of a finger.
     ///
     /// To first order in the motion, `t + theta x (p - o)`, o the origin of what moves: how far it may get. What a contact problem is made of is
-    /// [`crate::collision::Carried`].
+    /// [`crate::pair::RelativeMotion`].
     pub fn prescribed_displacement(&self, point: &Vec3) -> Vec3 {
         let ((translation, theta), origin) = match self {
             Body::Rigid(body) => (body.prescribed_motion(), body.pose().translation.vector),

@@ -1,17 +1,19 @@
 //! One rigid body: free (inertial or quasi-static) or fixed and moved from outside.
 
-use super::{Motion, PoseDrive};
 use crate::body::mass_properties::MassProperties;
+use crate::body::pose::{check_pose, displacement_between};
+use crate::body::{Motion, PoseDrive};
 use crate::error::{Error, Result, check_finite, check_non_negative, check_positive};
 use crate::math::{Mat3, Mat3x6, Pose, Real, Vec3, Vec6, pose_is_finite, skew};
 use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
 
 /// Time in which a quasi-static body of default viscosity follows a change of load (s). It sets `b = m / tau`: heavy enough
 /// that a body does not jump under solver noise, light enough that it follows a hand.
 pub const DEFAULT_VISCOUS_TIME: Real = 0.05;
 
 /// Whether contacts and loads can move a rigid body.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Mobility {
     /// Six degrees of freedom.
     Free(Motion),
@@ -20,7 +22,7 @@ pub enum Mobility {
 }
 
 /// What changes from step to step; copied to roll a body back.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RigidState {
     /// Body frame in the world.
     pub pose: Pose,
@@ -33,7 +35,7 @@ pub struct RigidState {
 }
 
 /// A rigid body. Its generalised displacement is (translation of the centre of mass, rotation vector), world axes.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RigidBody {
     name: String,
     mass: MassProperties,
@@ -336,19 +338,6 @@ impl RigidBody {
 /// `m / 0.05 s`, and the same with the mean moment of inertia.
 fn default_viscosity(mass: &MassProperties) -> [Real; 2] {
     [mass.mass() / DEFAULT_VISCOUS_TIME, mass.inertia().trace() / 3.0 / DEFAULT_VISCOUS_TIME]
-}
-
-/// Translation of the origin (m) and rotation vector (rad, world) that take one pose to another.
-pub(crate) fn displacement_between(start: &Pose, end: &Pose) -> (Vec3, Vec3) {
-    (end.translation.vector - start.translation.vector, (end.rotation * start.rotation.inverse()).scaled_axis())
-}
-
-/// Refuses a pose with NaN or infinity in it.
-pub(crate) fn check_pose(what: &str, pose: &Pose) -> Result<()> {
-    if pose_is_finite(pose) {
-        return Ok(());
-    }
-    Err(Error::value(what, "finite position and quaternion", "a pose with NaN or infinity", "check where the pose comes from"))
 }
 
 #[cfg(test)]

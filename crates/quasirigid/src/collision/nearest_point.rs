@@ -1,9 +1,9 @@
 //! Of the coupled leaves: which faces they lie on, the point nearest to a control point, and the points that decide where the surface is there.
 
-use super::Coupled;
-use crate::body::Skin;
+use super::cache::Coupled;
+use crate::collider::Skin;
 use crate::math::{Real, Vec3};
-use crate::surface::moving_least_squares::FACES;
+use crate::surface::implicit::FACES;
 use std::ops::Range;
 
 /// Coupled leaves whose mean normals make more than 60 degrees lie on different faces.

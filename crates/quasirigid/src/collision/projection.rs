@@ -1,14 +1,18 @@
 //! Control points of coupled leaves, projected on the other surface (design 3.2, points 3 to 5).
 
-use super::coarse::area_in_contact;
+use super::budget::area_in_contact;
+use super::cache::{CachedProjection, Coupled, Coupling, Found, PairCache};
 use super::nearest_point::{Border, SAME_FACE, faces_meet, height_over_nearest, is_outside, nearest_node};
-use super::{Contact, Coupled, Pair};
-use crate::body::{BodyEntry, Skin};
+use super::separation::STRIDE;
+use super::traversal::have_penetrated;
+use crate::collider::Skin;
 use crate::free_motion::FreeMotion;
 use crate::math::{Mat3, Pose, Real, Vec3, contact_frame};
+use crate::objects::{Objects, Side};
+use crate::pair::{Contact, Pair};
 use crate::params::Parameters;
 use crate::surface::Weights;
-use crate::surface::moving_least_squares::{Cloud, FACES, project};
+use crate::surface::implicit::{Cloud, FACES, project};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -17,6 +21,10 @@ const BORDER_GAPS: Real = 1.5;
 
 /// A control point that lies this many leaf gaps under the other surface lies deeper than contact goes.
 const DEEP: Real = 1.0;
+
+/// Cosine of the angle with their mean that the normals of contacts make at most which push two bodies out of each other together. At a corner
+/// of a box it is 0.58.
+const IN_COMMON: Real = 0.3;
 
 /// A control point that nothing faces, or whose projection had to be rejected, is looked at again once it has moved by this many spacings of the other surface; one where
 /// faces meet once its place at rest has. No projection is kept for longer.
@@ -31,65 +39,12 @@ const MOST_PROJECTIONS: u32 = 10;
 /// Projections of one chunk of parallel work.
 const CHUNK: usize = 8;
 
-/// What a control point remembers of its last projection (temporal coherence, which the paper proposes in section 4). All in the frame of `b`.
-#[derive(Debug, Clone)]
-pub struct Remembered {
-    /// Where the control point was projected from.
-    x: Vec3,
-    /// How far it may go from there before it has to be looked at again, m.
-    holds_for: Real,
-    /// What was found there.
-    surface: Seen,
-    /// Where it was at rest, without elastic displacement, if faces of the other surface meet near it: that decides which of them it belongs to.
-    at_edge: Option<Vec3>,
-    /// Whether it lies inside the other body by more than contact does, see [`super::deep`].
-    deep: bool,
-    /// Stands for the coupled leaves of the other surface.
-    leaves: u32,
-}
-
-impl Remembered {
-    /// `leaves` stands for the leaves that the control point is coupled with from now on. What was not there to be seen may be there now if they are others.
-    pub(super) fn coupled_anew(&mut self, leaves: u32) {
-        if leaves != self.leaves {
-            self.turned();
-        }
-        self.leaves = leaves;
-    }
-
-    /// The bodies have turned against each other: other points may face it, and what was not there to be seen may be there now.
-    pub(super) fn turned(&mut self) {
-        if !matches!(self.surface, Seen::Foot { .. }) {
-            *self = Self { leaves: self.leaves, ..Self::default() };
-        }
-    }
-}
-
-/// The other surface as a control point sees it.
-// A box around the larger variant would be an allocation in the step.
-#[allow(clippy::large_enum_variant)]
-#[derive(Debug, Clone)]
-enum Seen {
-    /// Nothing that faces it, or no projection within the border.
-    Nothing,
-    /// Too far: nothing to find until control point and free motion together have gone as far as it holds.
-    Apart,
-    /// Foot, outward normal, and the control points that the foot is interpolated from.
-    Foot { foot: Vec3, normal: Vec3, weights: Weights },
-}
-
-impl Default for Remembered {
-    fn default() -> Self {
-        // From nowhere: whatever the control point does, it has moved too far.
-        Self { x: Vec3::repeat(Real::INFINITY), holds_for: 0.0, surface: Seen::Nothing, at_edge: None, deep: false, leaves: 0 }
-    }
-}
-
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
     /// Control points that have to be looked at anew.
     due: Vec<Due>,
-    learnt: Vec<Remembered>,
+    projected: Vec<CachedProjection>,
+    stack: Vec<u32>,
 }
 
 /// A control point that what it remembers no longer holds for.
@@ -106,95 +61,136 @@ struct Due {
 
 /// What all projections of a step look at: geometry is frozen at its start.
 #[derive(Clone, Copy)]
-pub(super) struct Snapshot<'a> {
-    pub bodies: &'a [BodyEntry],
+pub(super) struct StepGeometry<'a> {
+    pub objects: &'a Objects,
     pub free: &'a [FreeMotion],
-    /// How far any surface point of each body may move in this step before contact forces, m.
+    /// How far any surface point of each collider may move in this step before contact forces, m.
     pub reach: &'a [Real],
     pub params: &'a Parameters,
     /// Whether what is remembered is held against its usual limits in this step, see [`Parameters::collision_every`].
-    pub look: bool,
+    pub refresh: bool,
 }
 
 /// Every control point with a coupled leaf becomes a contact if it is near enough. Where what it remembers no longer holds it is projected first, once, from
 /// the leaf that holds the nearest point that faces it.
-pub(super) fn project_control_points(scratch: &mut Scratch, pairs: &mut [Pair], now: Snapshot<'_>, contacts: &mut Vec<Contact>) {
-    let Snapshot { bodies, reach, params, .. } = now;
+pub(super) fn project_control_points(
+    scratch: &mut Scratch,
+    pairs: &[Pair],
+    caches: &mut [PairCache],
+    now: StepGeometry<'_>,
+    contacts: &mut Vec<Contact>,
+) {
+    let StepGeometry { objects, reach, params, .. } = now;
     // Between two looks a foot and its tangent plane are carried along with `b`, for as far as a contact is seen coming.
-    let carried = if now.look { -1.0 } else { params.contact_margin };
+    let carried = if now.refresh { -1.0 } else { params.contact_margin };
     // Room for every control point that is coupled: how many of them are due at once may show long after a step has first met them.
-    let room = pairs.iter().map(|pair| pair.coupling.coupled.capacity()).sum();
+    let room = caches.iter().map(|cache| cache.coupling.coupled.capacity()).sum();
     scratch.due.clear();
     scratch.due.reserve(room);
-    scratch.learnt.reserve(room);
-    for (index, pair) in pairs.iter_mut().enumerate().filter(|(_, pair)| pair.near) {
+    scratch.projected.reserve(room);
+    for (index, (pair, cache)) in pairs.iter().zip(caches.iter_mut()).enumerate().filter(|(_, (pair, _))| pair.near) {
+        let PairCache { coupling, projections } = cache;
         let approach = reach[pair.a as usize] + reach[pair.b as usize];
-        if pair.coupling.coupled.is_empty() || pair.coupling.is_quiet(pair.a, pair.b, bodies, approach) {
+        if coupling.coupled.is_empty() || coupling.is_still_asleep(pair, objects, approach) {
             continue;
         }
         let Some(view) = View::of(pair, now) else { continue };
         let slack = SLACK * view.skin_b.surface.spacing;
         let first = scratch.due.len();
-        let mut quiet_for = Real::INFINITY;
-        for coupled in groups(&pair.coupling.coupled) {
-            let control_point = pair.coupling.coupled[coupled.start].control_point as usize;
+        let mut asleep_for = Real::INFINITY;
+        for coupled in groups(&coupling.coupled) {
+            let control_point = coupling.coupled[coupled.start].control_point as usize;
             let (x, approach) = view.locate(pair, control_point);
-            let known = &pair.remembered[control_point];
+            let known = &projections[control_point];
             let (moved, approach) = ((x - known.x).norm(), approach.norm());
             let left_at_edge = known.at_edge.map_or(Real::INFINITY, |rest| slack - (view.at_rest(control_point) - rest).norm());
             let (left, sees) = match known.surface {
-                Seen::Foot { .. } => (known.holds_for.max(carried) - moved, true),
-                Seen::Nothing => (known.holds_for.max(carried) - moved, false),
-                Seen::Apart => (known.holds_for - moved - approach, false),
+                Found::Foot { .. } => (known.holds_for.max(carried) - moved, true),
+                Found::Nothing => (known.holds_for.max(carried) - moved, false),
+                Found::Apart => (known.holds_for - moved - approach, false),
             };
             if left_at_edge < 0.0 || left.is_nan() || left < 0.0 {
                 scratch.due.push(Due { pair: index as u32, coupled: coupled.start as u32..coupled.end as u32, x, approach });
             }
-            quiet_for = if sees { -1.0 } else { quiet_for.min(left).min(left_at_edge) };
+            asleep_for = if sees { -1.0 } else { asleep_for.min(left).min(left_at_edge) };
         }
-        if scratch.due.len() == first && quiet_for > 0.0 && pair.side_a.active.is_empty() {
-            pair.coupling.be_quiet(quiet_for, pair.a, pair.b, bodies);
+        if scratch.due.len() == first && asleep_for > 0.0 && pair.side_a.active.is_empty() {
+            coupling.fall_asleep(asleep_for, pair, objects);
         }
     }
-    scratch.learnt.clear();
-    scratch.learnt.resize(scratch.due.len(), Remembered::default());
-    let known: &[Pair] = pairs;
-    let work = |(due, learnt): (&[Due], &mut [Remembered])| {
+    scratch.projected.clear();
+    scratch.projected.resize(scratch.due.len(), CachedProjection::default());
+    let known: &[PairCache] = caches;
+    let work = |(due, projected): (&[Due], &mut [CachedProjection])| {
         let mut view: Option<(u32, View)> = None;
-        for (due, learnt) in due.iter().zip(learnt) {
-            let pair = &known[due.pair as usize];
+        for (due, projected) in due.iter().zip(projected) {
+            let (pair, cache) = (&pairs[due.pair as usize], &known[due.pair as usize]);
             if view.as_ref().is_none_or(|(index, _)| *index != due.pair) {
                 view = View::of(pair, now).map(|view| (due.pair, view));
             }
             if let Some((_, view)) = &view {
-                *learnt = view.project(pair, due);
+                *projected = view.project(pair, &cache.coupling, due);
             }
         }
     };
-    if params.threads > 1 && scratch.due.len() > CHUNK {
-        scratch.due.par_chunks(CHUNK).zip(scratch.learnt.par_chunks_mut(CHUNK)).for_each(work);
+    // Without threads of its own a world uses none: rayon's global pool is not safe to use in a process that was forked.
+    if params.threads > 1 && rayon::current_thread_index().is_some() && scratch.due.len() > CHUNK {
+        scratch.due.par_chunks(CHUNK).zip(scratch.projected.par_chunks_mut(CHUNK)).for_each(work);
     } else {
-        work((&scratch.due, &mut scratch.learnt));
+        work((&scratch.due, &mut scratch.projected));
     }
     contacts.clear();
-    let mut learnt = scratch.due.iter().zip(scratch.learnt.drain(..)).peekable();
-    for (index, pair) in pairs.iter_mut().enumerate().filter(|(_, pair)| pair.near) {
-        if pair.coupling.coupled.is_empty() || pair.coupling.sees_nothing() {
+    let mut projected = scratch.due.iter().zip(scratch.projected.drain(..)).peekable();
+    for (index, (pair, cache)) in pairs.iter().zip(caches).enumerate().filter(|(_, (pair, _))| pair.near) {
+        let PairCache { coupling, projections } = cache;
+        // A pair with elastic memory touches or has just let go: what lies inside a body at rest may lie outside the deformed one.
+        let idle = pair.is_idle();
+        let unseen = idle && !coupling.examined && !coupling.penetrated;
+        if coupling.coupled.is_empty() || coupling.is_asleep() {
+            if unseen {
+                coupling.examined = true;
+                coupling.suspected = are_deep_inside(&mut scratch.stack, pair, objects);
+            }
             continue;
         }
+        let first = contacts.len();
         let Some(view) = View::of(pair, now) else { continue };
-        for coupled in groups(&pair.coupling.coupled) {
-            let (start, control_point) = (coupled.start as u32, pair.coupling.coupled[coupled.start].control_point as usize);
-            let new = learnt.next_if(|(due, _)| due.pair == index as u32 && due.coupled.start == start);
+        for coupled in groups(&coupling.coupled) {
+            let (start, control_point) = (coupled.start as u32, coupling.coupled[coupled.start].control_point as usize);
+            let new = projected.next_if(|(due, _)| due.pair == index as u32 && due.coupled.start == start);
             let projected = new.is_some();
             if let Some((_, new)) = new {
-                pair.coupling.deep |= new.deep;
-                let known = &mut pair.remembered[control_point];
-                *known = Remembered { leaves: known.leaves, ..new };
+                coupling.deep |= new.deep;
+                let known = &mut projections[control_point];
+                *known = CachedProjection { leaves: known.leaves, ..new };
             }
-            contacts.extend(view.contact(pair, index as u32, &pair.coupling.coupled[coupled], projected));
+            contacts.extend(view.contact(pair, index as u32, &coupling.coupled[coupled], &projections[control_point], projected));
+        }
+        // Judged where the contacts were found: bodies that have since been moved into each other may push in the next step.
+        let unloaded = unseen && contacts[first..].iter().all(|contact| contact.gap > 0.0);
+        let at_odds = coupling.deep && !coupling.penetrated && are_at_odds(&contacts[first..]);
+        coupling.examined |= unloaded;
+        if (unloaded || at_odds) && are_deep_inside(&mut scratch.stack, pair, objects) {
+            // Contacts at odds would only squeeze each other out, or turn the two with force.
+            contacts.truncate(first);
+            coupling.suspected = true;
         }
     }
+}
+
+/// Whether some of the control points of one body of a pair lie so deep in the other that they have penetrated each other fully.
+fn are_deep_inside(stack: &mut Vec<u32>, pair: &Pair, objects: &Objects) -> bool {
+    let [a, b] = pair.sides(objects);
+    let (Some(skin_a), Some(skin_b)) = (a.active_skin(), b.active_skin()) else { return false };
+    let pose_ba = b.pose().inverse() * a.pose();
+    have_penetrated(stack, &pair.side_a.displacement, skin_a, skin_b, &pose_ba, STRIDE, 1.0)
+}
+
+/// Whether contacts that push an overlap apart do so in directions that have nothing in common.
+fn are_at_odds(contacts: &[Contact]) -> bool {
+    let pushes = || contacts.iter().filter(|contact| contact.gap < contact.solved_gap).map(|contact| contact.frame.column(0).into_owned());
+    let sum: Vec3 = pushes().sum();
+    pushes().any(|normal| normal.dot(&sum) < IN_COMMON * sum.norm())
 }
 
 /// Ranges of a list of coupled nodes that belong to one control point each.
@@ -208,6 +204,7 @@ fn groups(coupled: &[Coupled]) -> impl Iterator<Item = Range<usize>> {
 
 /// What all control points of one pair need.
 struct View<'a> {
+    sides: [Side<'a>; 2],
     skin_a: &'a Skin,
     skin_b: &'a Skin,
     turn_a: Mat3,
@@ -222,17 +219,18 @@ struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    fn of(pair: &Pair, now: Snapshot<'a>) -> Option<Self> {
-        let Snapshot { bodies, free, params, .. } = now;
-        let (a, b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
-        let (pose_a, pose_b) = (a.body.link_pose(a.skin_link), b.body.link_pose(b.skin_link));
+    fn of(pair: &Pair, now: StepGeometry<'a>) -> Option<Self> {
+        let StepGeometry { objects, free, params, .. } = now;
+        let [a, b] = pair.sides(objects);
+        let (pose_a, pose_b) = (a.pose(), b.pose());
         let pose_ba: Pose = pose_b.inverse() * pose_a;
         let matrix = |pose: &Pose| pose.rotation.to_rotation_matrix().into_inner();
         let (turn_b, shift_b) = (matrix(&pose_b), pose_b.translation.vector);
-        let approach = |point: &Vec3| turn_b.tr_mul(&pair.free_displacement(bodies, free, point));
+        let approach = |point: &Vec3| turn_b.tr_mul(&pair.free_displacement(objects, free, point));
         let drift = approach(&shift_b);
         let axis = |k: usize| approach(&(shift_b + turn_b.column(k))) - drift;
         Some(Self {
+            sides: [a, b],
             skin_a: a.active_skin()?,
             skin_b: b.active_skin()?,
             turn_a: matrix(&pose_a),
@@ -262,9 +260,9 @@ impl<'a> View<'a> {
 
     /// The contact of a control point, from what it remembers.
     #[inline]
-    fn contact(&self, pair: &Pair, index: u32, coupled: &[Coupled], projected: bool) -> Option<Contact> {
+    fn contact(&self, pair: &Pair, index: u32, coupled: &[Coupled], known: &CachedProjection, projected: bool) -> Option<Contact> {
         let control_point = coupled[0].control_point as usize;
-        let Seen::Foot { foot, normal, weights } = &pair.remembered[control_point].surface else { return None };
+        let Found::Foot { foot, normal, weights } = &known.surface else { return None };
         let (x, approach) = self.locate(pair, control_point);
         let u_b = pair.displacement_of_b(control_point, weights);
         let gap = normal.dot(&(x - foot - u_b));
@@ -281,15 +279,22 @@ impl<'a> View<'a> {
             area_in_contact(&self.skin_a.surface, node, control_point, self.params.contact_margin, height)
         };
         let normal = self.turn_b * normal;
-        let frame = pair.friction.frame(&normal, [&self.turn_a, &self.turn_b]);
-        let frame = frame.unwrap_or_else(|| contact_frame(&normal, &(self.turn_a * self.skin_a.surface.control.tangents[control_point])));
+        let directed = pair.friction.frame(&normal, [&self.turn_a, &self.turn_b]);
+        let (frame, friction_ratio) =
+            directed.unwrap_or_else(|| (contact_frame(&normal, &(self.turn_a * self.skin_a.surface.control.tangents[control_point])), 1.0));
+        let [side_a, side_b] = self.sides.map(|side| side.collider);
         Some(Contact {
             pair: index,
-            body_a: pair.a,
-            body_b: pair.b,
+            body_a: side_a.body,
+            body_b: side_b.body,
+            link_a: side_a.link as u32,
+            link_b: side_b.link as u32,
+            collider_a: pair.a,
+            collider_b: pair.b,
             control_point: control_point as u32,
             point: self.turn_b * x + self.shift_b,
             frame,
+            friction_ratio,
             gap,
             solved_gap: gap.max(-self.params.push_out_speed * self.params.dt),
             area,
@@ -321,25 +326,31 @@ impl<'a> View<'a> {
     }
 
     /// Projects a control point on `b`.
-    fn project(&self, pair: &Pair, due: &Due) -> Remembered {
-        let (x, coupled) = (&due.x, &pair.coupling.coupled[due.coupled.start as usize..due.coupled.end as usize]);
+    fn project(&self, pair: &Pair, coupling: &Coupling, due: &Due) -> CachedProjection {
+        let (x, coupled) = (&due.x, &coupling.coupled[due.coupled.start as usize..due.coupled.end as usize]);
         let control_point = coupled[0].control_point as usize;
         let (params, surface) = (self.params, &self.skin_b.surface);
         let leaves = 0; // filled in by the caller
         let slack = SLACK * surface.spacing;
-        let nothing = || Remembered { x: *x, holds_for: slack, surface: Seen::Nothing, at_edge: None, deep: false, leaves };
+        let nothing = || CachedProjection { x: *x, holds_for: slack, surface: Found::Nothing, at_edge: None, deep: false, leaves };
+        if let Some(normal) = coupling.way_out {
+            let leaf_b = surface.tree.nodes[coupled[0].node_b as usize].first_leaf;
+            let weights = if pair.rigid_b { Weights::none() } else { Weights::single(leaf_b) };
+            let surface = Found::Foot { foot: surface.control.points[leaf_b as usize], normal, weights };
+            return CachedProjection { surface, ..nothing() };
+        }
         let normal_a = self.turn_ba * self.skin_a.surface.control.normals[control_point];
         // Where faces meet, the one that the control point has least way to at rest is its own. Seen from where it is pressed to it would stay with a face that it has long passed.
         let at_edge = faces_meet(coupled, self.skin_b).then(|| self.at_rest(control_point));
         let Some((node_b, nearest)) = nearest_node(coupled, self.skin_b, at_edge.as_ref().unwrap_or(x), &normal_a) else {
             // Whether anything faces it is a matter of directions alone, so this holds for as long as it stays outside; a turn or other leaves make it look anew.
             let height = height_over_nearest(coupled, self.skin_b, x).unwrap_or(0.0);
-            return Remembered { deep: height < -DEEP * surface.spacing, holds_for: height.max(slack), ..nothing() };
+            return CachedProjection { deep: height < -DEEP * surface.spacing, holds_for: height.max(slack), ..nothing() };
         };
         if let Some(rest) = &at_edge
             && self.is_past_edge(coupled, rest, nearest, &normal_a)
         {
-            return Remembered { at_edge, ..nothing() };
+            return CachedProjection { at_edge, ..nothing() };
         }
         let leaf_b = surface.tree.nodes[node_b as usize].first_leaf as usize;
         // The plane of the nearest point is off by far less than a leaf gap: most control points can be told to be apart without a projection.
@@ -349,7 +360,7 @@ impl<'a> View<'a> {
         let border = Border::of(self.skin_b, node_b, &goal);
         let clear = plane_gap - params.contact_margin - border.gap;
         if clear > due.approach {
-            return Remembered { holds_for: clear, surface: Seen::Apart, ..nothing() };
+            return CachedProjection { holds_for: clear, surface: Found::Apart, ..nothing() };
         }
         // At an edge the projection keeps to the face that was chosen.
         let facing = if at_edge.is_some() { -surface.normals[nearest] } else { normal_a };
@@ -372,8 +383,8 @@ impl<'a> View<'a> {
         }
         let weights = if pair.rigid_b { Weights::none() } else { surface.control_weights(&q.point, &q.normal, leaf_b) };
         let holds_for = if pair.rigid_b { slack_of(params.projection_slack, q.curvature).min(slack) } else { params.projection_slack };
-        let surface = Seen::Foot { foot: q.point, normal: q.normal, weights };
-        Remembered { x: *x, holds_for, surface, at_edge, deep: plane_gap < -DEEP * border.gap, leaves }
+        let surface = Found::Foot { foot: q.point, normal: q.normal, weights };
+        CachedProjection { x: *x, holds_for, surface, at_edge, deep: plane_gap < -DEEP * border.gap, leaves }
     }
 }
 
@@ -381,4 +392,90 @@ impl<'a> View<'a> {
 /// `slack^2 / (2 R)`. Only where the other surface does not yield: its displacement changes from place to place, whatever its shape.
 fn slack_of(slack: Real, curvature: Real) -> Real {
     slack * (1.0 / (SLACK_RADIUS * curvature)).sqrt().clamp(1.0, 1e6)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::body::{Amount, MassProperties, Motion, RigidBody};
+    use crate::collider::Material;
+    use crate::collision::PairCache;
+    use crate::math::{Pose, Real, Vec3};
+    use crate::pair::Contact;
+    use crate::surface::{PointSurface, Surface, shapes};
+    use crate::{Parameters, World};
+    use std::sync::Arc;
+
+    const RADIUS: Real = 0.01;
+
+    /// A rigid ball of many points near a fixed rigid surface, whose pose is `place`.
+    fn ball_at(fixed: PointSurface, control_points: usize, place: Pose, center: Vec3) -> World {
+        let steel = Material::preset("steel").unwrap();
+        let surface = |points, count| Some((Arc::new(Surface::build(points, Some(count)).unwrap()), steel.clone()));
+        let params = Parameters { gravity: Vec3::zeros(), contact_margin: 5e-4, ..Parameters::default() };
+        let mut world = World::new(params).unwrap();
+        world.add_body(RigidBody::fixed("fixed", place).unwrap(), surface(fixed, control_points)).unwrap();
+        let mass = MassProperties::sphere(RADIUS, Amount::Mass(0.1)).unwrap();
+        let pose = place * Pose::new(center, Vec3::new(0.7, -0.2, 0.5));
+        let ball = RigidBody::free("ball", mass, Motion::QuasiStatic, pose).unwrap();
+        world.add_body(ball, surface(shapes::sample_sphere(RADIUS, 3_000).unwrap(), 800)).unwrap();
+        world
+    }
+
+    /// Largest differences of gap (m), foot (m) and normal (-) of the contacts from `truth`, which has them for a place in the frame of the fixed body.
+    fn worst(contacts: &[Contact], place: &Pose, truth: impl Fn(&Vec3) -> (Real, Vec3, Vec3)) -> [Real; 3] {
+        let off = contacts.iter().map(|contact| {
+            let (gap, foot, normal) = truth(&place.inverse_transform_point(&contact.point.into()).coords);
+            [(contact.gap - gap).abs(), (contact.foot - foot).norm(), (contact.frame.column(0) - place.rotation * normal).norm()]
+        });
+        off.fold([0.0; 3], |worst, off| std::array::from_fn(|k| worst[k].max(off[k])))
+    }
+
+    #[test]
+    fn a_projection_on_a_plane_or_a_sphere_is_that_of_its_closed_form() {
+        let place = Pose::new(Vec3::new(0.1, -0.2, 0.3), Vec3::new(0.4, 1.1, -0.3));
+        let mut world = ball_at(shapes::sample_half_space(0.03, 2_500).unwrap(), 200, place, Vec3::new(1e-3, 2e-3, RADIUS - 1e-4));
+        world.step();
+        let [gap, foot, normal] = worst(world.contacts(), &place, |x| (x.z, Vec3::new(x.x, x.y, 0.0), Vec3::z()));
+        println!("plane: {} contacts, gap {gap:.1e} m, foot {foot:.1e} m, normal {normal:.1e}", world.contacts().len());
+        assert!(world.contacts().len() > 20 && gap.max(foot) < 1e-10 && normal < 1e-7, "gap {gap:e} m, foot {foot:e} m, normal {normal:e}");
+
+        let large = 0.03;
+        let points = shapes::sample_sphere(large, 6_000).unwrap();
+        let along = Vec3::new(0.3, -0.5, 0.8).normalize();
+        let mut world = ball_at(points, 400, place, along * (large + RADIUS - 1e-4));
+        world.step();
+        let [gap, foot, normal] = worst(world.contacts(), &place, |x| (x.norm() - large, x.normalize() * large, x.normalize()));
+        println!("sphere: {} contacts, gap {gap:.1e} m, foot {foot:.1e} m, normal {normal:.1e}", world.contacts().len());
+        // The surface is known by points 1.4 mm apart: a plane through them would be off by 8 micrometres, the smooth surface is off by far less.
+        assert!(
+            world.contacts().len() > 15 && gap < 1e-7 && foot < 2e-6 && normal < 5e-3,
+            "gap {gap:e} m, foot {foot:e} m, normal {normal:e}"
+        );
+    }
+
+    #[test]
+    fn a_projection_that_is_remembered_is_that_found_anew() {
+        let place = Pose::new(Vec3::new(0.1, -0.2, 0.3), Vec3::new(0.4, 1.1, -0.3));
+        let points = || shapes::sample_sphere(0.03, 6_000).unwrap();
+        let mut worlds = [0, 1].map(|_| ball_at(points(), 400, place, Vec3::new(0.0, 0.0, 0.03 + RADIUS - 1e-4)));
+        let (mut worst, mut remembered): (Real, usize) = (0.0, 0);
+        for step in 0..60 {
+            let pose = place
+                * Pose::new(Vec3::new(1e-7 * step as Real, 0.0, 0.03 + RADIUS - 1e-4), Vec3::new(0.7, -0.2 + 1e-5 * step as Real, 0.5));
+            for world in &mut worlds {
+                let ball = world.handle_of(1);
+                world.body_mut(ball).unwrap().set_pose(pose).unwrap();
+                world.step();
+            }
+            worlds[1].workspace.collision.caches.iter_mut().for_each(PairCache::invalidate);
+            let [here, anew] = [worlds[0].contacts(), worlds[1].contacts()];
+            let keys = |contacts: &[Contact]| contacts.iter().map(|contact| contact.control_point).collect::<Vec<_>>();
+            assert_eq!(keys(here), keys(anew), "step {step}");
+            remembered += here.iter().filter(|contact| !contact.projected).count();
+            assert!(anew.iter().all(|contact| contact.projected));
+            worst = here.iter().zip(anew).map(|(c, d)| (c.gap - d.gap).abs()).fold(worst, Real::max);
+        }
+        println!("{remembered} remembered projections, gaps within {worst:.1e} m");
+        assert!(remembered > 200 && worst < 1e-9, "{remembered} remembered projections, a gap is off by {worst:e} m");
+    }
 }

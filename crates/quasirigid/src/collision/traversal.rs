@@ -1,91 +1,17 @@
 //! Two sphere trees against each other, breadth-first, within a budget of sphere tests.
 //!
-//! Breadth-first, so that a traversal that runs out of budget has gone equally deep everywhere: [`super::coarse`] couples what is then left in the queue.
+//! Breadth-first, so that a traversal that runs out of budget has gone equally deep everywhere: [`crate::collision::budget`] couples what is then left in the queue.
 
-use super::coarse::{LEAST, Trees};
-use super::{Pair, deep};
-use crate::body::{BodyEntry, Skin, Sphere};
-use crate::math::{Mat3, Pose, Real, Rot, Vec3};
+use super::budget::{LEAST, Trees};
+use super::cache::{CachedProjection, Coupled, Coupling, Moment, PairCache};
+use super::deep_overlap;
+use super::separation::Overlap;
+use crate::collider::Skin;
+use crate::math::{Mat3, Pose, Real, Vec3};
+use crate::objects::Objects;
+use crate::pair::Pair;
 use crate::params::Parameters;
-use nalgebra::Point3;
 use std::time::{Duration, Instant};
-
-/// A node of `a` and a leaf of `b` that overlap.
-#[derive(Debug, Clone, Copy)]
-pub struct Coupled {
-    /// Control point of `a`: the leaf's, or the one that stands for an inner node.
-    pub control_point: u32,
-    /// Node of `a`: a leaf unless the budget ran out.
-    pub node_a: u32,
-    /// Leaf of `b`, as a node.
-    pub node_b: u32,
-}
-
-/// The coupled nodes of a pair, and how far the two may move before they have to be found again (temporal coherence, which the paper proposes in section 4).
-#[derive(Debug, Clone)]
-pub struct Coupling {
-    /// Ordered by control point.
-    pub coupled: Vec<Coupled>,
-    /// Margin by which the spheres were inflated, m; negative: nothing found yet.
-    margin: Real,
-    /// Whether control points were seen inside the other body, deeper than contact goes: those that the trees do not reach are then looked for, too.
-    pub(super) deep: bool,
-    /// Whether they were looked for since the nodes were found.
-    searched: bool,
-    /// When they were found.
-    found: Moment,
-    /// Rotation of `a` against `b` when control points that nothing faced were last looked at anew because of it.
-    faced: Rot,
-    /// Since when, and for how far a motion (m), no control point has a chance to become a contact.
-    quiet: Option<(Moment, Real)>,
-}
-
-/// Pose of `a` in the frame of `b`, and how far the two surfaces had deformed (m), at some time.
-#[derive(Debug, Clone, Copy)]
-struct Moment {
-    pose_ba: Pose,
-    travel: Real,
-}
-
-impl Moment {
-    /// Of the step under way.
-    fn now(a: u32, b: u32, bodies: &[BodyEntry]) -> Self {
-        let (a, b) = (&bodies[a as usize], &bodies[b as usize]);
-        let travel = |entry: &BodyEntry| entry.skin.as_ref().map_or(0.0, |skin| skin.travel);
-        let pose_ba = b.body.link_pose(b.skin_link).inverse() * a.body.link_pose(a.skin_link);
-        Self { pose_ba, travel: travel(a) + travel(b) }
-    }
-
-    /// How far any point of `a`, within the sphere `root` of its frame, has moved against `b` since `old` at most, m.
-    fn moved_since(&self, old: &Self, root: &Sphere) -> Real {
-        let center = Point3::from(root.center);
-        (self.pose_ba * center - old.pose_ba * center).norm()
-            + old.pose_ba.rotation.angle_to(&self.pose_ba.rotation) * root.radius
-            + (self.travel - old.travel)
-    }
-}
-
-impl Coupling {
-    /// Whether no control point can have become a contact, though the free motion may take the two nearer to each other by `approach`, m.
-    pub(super) fn is_quiet(&mut self, a: u32, b: u32, bodies: &[BodyEntry], approach: Real) -> bool {
-        let (Some((since, reach)), Some(skin_a)) = (&self.quiet, bodies[a as usize].active_skin()) else { return false };
-        let quiet = Moment::now(a, b, bodies).moved_since(since, &skin_a.bounding_sphere()) + approach <= *reach;
-        if !quiet {
-            self.quiet = None;
-        }
-        quiet
-    }
-
-    /// From now on, and until the two have moved by `reach` (m) or are coupled anew, no control point can become a contact.
-    pub(super) fn be_quiet(&mut self, reach: Real, a: u32, b: u32, bodies: &[BodyEntry]) {
-        self.quiet = Some((Moment::now(a, b, bodies), reach));
-    }
-
-    /// Whether the last look found that no control point can become a contact.
-    pub(super) fn sees_nothing(&self) -> bool {
-        self.quiet.is_some()
-    }
-}
 
 /// Coupled nodes are kept until the bodies have moved by this many spacings of the coarser control points, if that is more than [`Parameters::traversal_slack`]:
 /// beside spheres of that size the few nodes more that are found are no work.
@@ -94,17 +20,9 @@ const SLACK_SPACINGS: Real = 0.1;
 /// Turned by more than this against each other, other points of two surfaces may face each other, rad.
 const TURNED: Real = 0.02;
 
-impl Default for Coupling {
-    /// Nothing found yet.
-    fn default() -> Self {
-        let found = Moment { pose_ba: Pose::identity(), travel: 0.0 };
-        Self { coupled: Vec::new(), margin: -1.0, deep: false, searched: false, found, faced: Rot::identity(), quiet: None }
-    }
-}
-
 #[derive(Debug, Default)]
 pub(super) struct Traversal {
-    pub coarse: bool,
+    pub budget_exhausted: bool,
     /// Sphere tests that each pair may spend.
     share: usize,
     /// Time in which spheres were refitted.
@@ -116,51 +34,106 @@ pub(super) struct Traversal {
 impl Traversal {
     /// Starts a step in which `pairs` may have to be traversed.
     pub fn start(&mut self, pairs: usize, budget: usize) {
-        (self.coarse, self.refit_time) = (false, Duration::ZERO);
+        (self.budget_exhausted, self.refit_time) = (false, Duration::ZERO);
         self.share = (budget / pairs.max(1)).max(LEAST);
     }
 }
 
 /// Finds the coupled nodes of one pair, among spheres that are refitted first, unless those found before still hold: while the two have moved less than the slack they were inflated by,
 /// whatever overlaps now is among them.
-pub(super) fn traverse(out: &mut Traversal, pair: &mut Pair, bodies: &mut [BodyEntry], reach: &[Real], params: &Parameters) {
-    let Some(root_a) = bodies[pair.a as usize].active_skin().map(Skin::bounding_sphere) else { return };
-    let now = Moment::now(pair.a, pair.b, bodies);
+pub(super) fn traverse(
+    out: &mut Traversal,
+    pair: &Pair,
+    cache: &mut PairCache,
+    objects: &mut Objects,
+    reach: &[Real],
+    params: &Parameters,
+) {
+    let Some(root_a) = objects.side(pair.a).active_skin().map(Skin::bounding_sphere) else { return };
+    let now = Moment::now(pair, objects);
     let needed = params.contact_margin + reach[pair.a as usize] + reach[pair.b as usize];
-    let coupling = &mut pair.coupling;
+    let PairCache { coupling, projections } = cache;
     let moved = now.moved_since(&coupling.found, &root_a);
     let turned = coupling.faced.angle_to(&now.pose_ba.rotation) > TURNED;
     if turned {
-        (coupling.faced, coupling.quiet) = (now.pose_ba.rotation, None);
+        (coupling.faced, coupling.asleep) = (now.pose_ba.rotation, None);
         for c in &coupling.coupled {
-            pair.remembered[c.control_point as usize].turned();
+            projections[c.control_point as usize].turned();
         }
     }
-    if needed + moved <= coupling.margin && (coupling.searched || !coupling.deep) {
+    let newly_penetrated = std::mem::take(&mut coupling.suspected) && !coupling.penetrated;
+    if needed + moved <= coupling.margin && (coupling.searched || !coupling.deep) && !newly_penetrated {
         return;
     }
     let start = Instant::now();
-    for body in [pair.a, pair.b] {
-        if let Some(skin) = &mut bodies[body as usize].skin {
-            skin.refit(params);
-        }
+    for collider in [pair.a, pair.b] {
+        objects.colliders[collider].skin.refit(params.refit_level);
     }
     out.refit_time += start.elapsed();
-    let (Some(skin_a), Some(skin_b)) = (bodies[pair.a as usize].active_skin(), bodies[pair.b as usize].active_skin()) else { return };
+    let [Some(skin_a), Some(skin_b)] = pair.sides(objects).map(|side| side.active_skin()) else { return };
     let slack = params.traversal_slack.max(SLACK_SPACINGS * skin_a.surface.control.spacing.max(skin_b.surface.control.spacing));
-    (coupling.margin, coupling.searched, coupling.found, coupling.quiet) = (needed + slack, coupling.deep, now, None);
-    couple(out, pair, skin_a, skin_b);
-    for group in pair.coupling.coupled.chunk_by(|c, d| c.control_point == d.control_point) {
+    (coupling.margin, coupling.searched, coupling.found, coupling.asleep) = (needed + slack, coupling.deep, now, None);
+    coupling.examined = false;
+    if !(newly_penetrated || coupling.penetrated) || !couple_along_way_out(out, pair, cache, skin_a, skin_b) {
+        couple(out, pair, &mut cache.coupling, skin_a, skin_b);
+    }
+    let PairCache { coupling, projections } = cache;
+    for group in coupling.coupled.chunk_by(|c, d| c.control_point == d.control_point) {
         // FNV-1a over the leaves; 0 stands for none.
         let leaves = group.iter().fold(0x811c_9dc5, |hash: u32, c| (hash ^ c.node_b).wrapping_mul(0x0100_0193));
-        pair.remembered[group[0].control_point as usize].coupled_anew(leaves.max(1));
+        projections[group[0].control_point as usize].coupled_anew(leaves.max(1));
     }
 }
 
+/// Whether control points of one, of every `stride` of them, lie inside the other, by more than `depth` of the spacing of its points; or the middle of both.
+pub(super) fn have_penetrated(
+    stack: &mut Vec<u32>,
+    displacement: &[Vec3],
+    skin_a: &Skin,
+    skin_b: &Skin,
+    pose_ba: &Pose,
+    stride: usize,
+    depth: Real,
+) -> bool {
+    let (turn, shift): (Mat3, Vec3) = (pose_ba.rotation.to_rotation_matrix().into_inner(), pose_ba.translation.vector);
+    let control_a = &skin_a.surface.control;
+    let place = |c: usize| (turn * (control_a.points[c] + displacement[c]) + shift, turn * control_a.normals[c]);
+    let to_a = |x: &Vec3| turn.tr_mul(&(x - shift));
+    let overlap = Overlap { surface_a: &skin_a.surface, surface_b: &skin_b.surface, place, to_a: &to_a };
+    let center_a = turn * skin_a.bounding_sphere().center + shift;
+    overlap.points_are_inside(stack, stride, depth) || overlap.middle_is_inside_both(stack, &center_a, &skin_b.bounding_sphere().center)
+}
+
+/// Couples control points of two bodies that have penetrated each other fully along their way out. False if they have not, or not any more.
+fn couple_along_way_out(out: &mut Traversal, pair: &Pair, cache: &mut PairCache, skin_a: &Skin, skin_b: &Skin) -> bool {
+    let PairCache { coupling, projections } = cache;
+    let side_a = &pair.side_a;
+    let pose_ba = coupling.found.pose_ba;
+    let (turn, shift): (Mat3, Vec3) = (pose_ba.rotation.to_rotation_matrix().into_inner(), pose_ba.translation.vector);
+    let control_a = &skin_a.surface.control;
+    let place = |c: usize| (turn * (control_a.points[c] + side_a.displacement[c]) + shift, turn * control_a.normals[c]);
+    let to_a = |x: &Vec3| turn.tr_mul(&(x - shift));
+    let overlap = Overlap { surface_a: &skin_a.surface, surface_b: &skin_b.surface, place, to_a: &to_a };
+    // What has just been found to be so need not be asked again.
+    let still = !coupling.penetrated || have_penetrated(&mut out.stack, &side_a.displacement, skin_a, skin_b, &pose_ba, 1, 0.0);
+    let way_out = if still { overlap.shortest_way(coupling.way_out) } else { None };
+    if way_out.is_none() || coupling.way_out.is_none() {
+        projections.fill(CachedProjection::default());
+    }
+    (coupling.penetrated, coupling.way_out, coupling.deep) = (still, way_out, false);
+    let Some(way_out) = way_out else { return false };
+    coupling.coupled.clear();
+    let (leaves_a, leaves_b) = (&skin_a.surface.tree.leaves, &skin_b.surface.tree.leaves);
+    overlap.bearing(&way_out, |control_point, k| {
+        let (node_a, node_b) = (leaves_a[control_point as usize], leaves_b[k as usize]);
+        coupling.coupled.push(Coupled { control_point, node_a, node_b });
+    });
+    true
+}
+
 /// Finds the coupled nodes anew.
-fn couple(out: &mut Traversal, pair: &mut Pair, skin_a: &Skin, skin_b: &Skin) {
+fn couple(out: &mut Traversal, pair: &Pair, coupling: &mut Coupling, skin_a: &Skin, skin_b: &Skin) {
     let (tree_a, tree_b) = (&skin_a.surface.tree, &skin_b.surface.tree);
-    let coupling = &mut pair.coupling;
     let (pose_ba, margin) = (coupling.found.pose_ba, coupling.margin);
     let (turn, shift): (Mat3, Vec3) = (pose_ba.rotation.to_rotation_matrix().into_inner(), pose_ba.translation.vector);
     coupling.coupled.clear();
@@ -215,14 +188,14 @@ fn couple(out: &mut Traversal, pair: &mut Pair, skin_a: &Skin, skin_b: &Skin) {
     if coarse {
         // What a spent budget left coarse is looked at again in the next step.
         coupling.margin = -1.0;
-        out.coarse = true;
+        out.budget_exhausted = true;
         return;
     }
     let control = &skin_a.surface.control;
     let place = |c: usize| (turn * (control.points[c] + pair.side_a.displacement[c]) + shift, turn * control.normals[c]);
     if out_coupled.is_empty() && !coupling.deep {
         // Near, and no surface near the other: apart, or one inside the other.
-        coupling.deep = deep::depth_inside(&mut out.stack, &skin_b.surface, &place(0).0).is_some();
+        coupling.deep = deep_overlap::depth_inside(&mut out.stack, &skin_b.surface, &place(0).0).is_some();
         coupling.searched = coupling.deep;
         if !coupling.deep {
             // Nothing can overlap before they are nearer by what parts the nearest two spheres that were looked at.
@@ -230,6 +203,75 @@ fn couple(out: &mut Traversal, pair: &mut Pair, skin_a: &Skin, skin_b: &Skin) {
         }
     }
     if coupling.deep {
-        coupling.deep = deep::couple_swallowed(&mut out.stack, &mut coupling.coupled, &tree_a.leaves, &skin_b.surface, place);
+        coupling.deep = deep_overlap::couple_points_inside(&mut out.stack, &mut coupling.coupled, &tree_a.leaves, &skin_b.surface, place);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::body::{Amount, MassProperties, Motion, RigidBody};
+    use crate::collider::Material;
+    use crate::math::{Pose, Real, Vec3};
+    use crate::surface::{Surface, shapes};
+    use crate::{Parameters, World};
+    use proptest::prelude::*;
+    use std::sync::{Arc, LazyLock};
+
+    const RADIUS: Real = 0.01;
+
+    static SURFACES: LazyLock<[Arc<Surface>; 2]> = LazyLock::new(|| {
+        let ball = Surface::build(shapes::sample_sphere(RADIUS, 600).unwrap(), Some(120)).unwrap();
+        let cube = Surface::build(shapes::sample_box(Vec3::repeat(0.03), 600).unwrap(), Some(100)).unwrap();
+        [Arc::new(ball), Arc::new(cube)]
+    });
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+
+        /// Against all pairs of leaves, one by one, on a way along which most nodes are remembered.
+        #[test]
+        fn leaves_whose_points_come_within_the_margin_are_coupled_and_none_beyond_their_spheres(
+            turns in prop::array::uniform3(-1.0..1.0f64), side in -0.5..0.5f64,
+            way in prop::collection::vec((-3e-4..3e-4f64, prop::array::uniform3(-0.01..0.01f64)), 1..6),
+        ) {
+            let mut world = World::new(Parameters { gravity: Vec3::zeros(), ..Parameters::default() }).unwrap();
+            let steel = Material::preset("steel").unwrap();
+            let [ball, cube] = SURFACES.clone();
+            world.add_body(RigidBody::fixed("cube", Pose::identity()).unwrap(), Some((cube, steel.clone()))).unwrap();
+            let mass = MassProperties::sphere(RADIUS, Amount::Mass(0.1)).unwrap();
+            let body = RigidBody::free("ball", mass, Motion::QuasiStatic, Pose::identity()).unwrap();
+            let body = world.add_body(body, Some((ball, steel))).unwrap();
+            let (mut height, mut theta) = (0.015 + RADIUS + 3e-4, Vec3::from(turns) * 3.0);
+            for (rise, turn) in way {
+                height = (height + rise).max(0.015 + RADIUS - 1e-4);
+                theta += Vec3::from(turn);
+                let pose = Pose::new(Vec3::new(side * 0.02, 0.004, height), theta);
+                world.body_mut(body).unwrap().set_pose(pose).unwrap();
+                world.step();
+                let cache = &world.workspace.collision.caches[0];
+                let [side_a, side_b] = world.pairs[0].sides(&world.objects);
+                let [skin_a, skin_b] = [side_a, side_b].map(|side| &side.collider.skin);
+                let pose_ba = side_b.pose().inverse() * side_a.pose();
+                let coupled: Vec<(u32, u32)> = cache.coupling.coupled.iter().map(|c| (c.node_a, c.node_b)).collect();
+                let (tree_a, tree_b) = (&skin_a.surface.tree, &skin_b.surface.tree);
+                let found = &cache.coupling.found.pose_ba;
+                for &node_a in &tree_a.leaves {
+                    for &node_b in &tree_b.leaves {
+                        let is_coupled = coupled.contains(&(node_a, node_b));
+                        let (sphere_a, sphere_b) = (&skin_a.spheres[node_a as usize], &skin_b.spheres[node_b as usize]);
+                        let apart = (found * nalgebra::Point3::from(sphere_a.center) - nalgebra::Point3::from(sphere_b.center)).norm() - sphere_a.radius - sphere_b.radius;
+                        prop_assert!(!is_coupled || apart <= cache.coupling.margin, "coupled at {apart:e} m, margin {:e} m", cache.coupling.margin);
+                        if is_coupled || apart > 2e-3 {
+                            continue;
+                        }
+                        let points_b = || tree_b.nodes[node_b as usize].points().map(|k| skin_b.surface.points[k]);
+                        let distance = |p: Vec3| points_b().map(|q| (p - q).norm()).fold(Real::INFINITY, Real::min);
+                        let moved = |k: usize| (pose_ba * nalgebra::Point3::from(skin_a.surface.points[k])).coords;
+                        let nearest = tree_a.nodes[node_a as usize].points().map(|k| distance(moved(k))).fold(Real::INFINITY, Real::min);
+                        prop_assert!(nearest > world.params.contact_margin, "points at {nearest:e} m of each other are not coupled");
+                    }
+                }
+            }
+        }
     }
 }

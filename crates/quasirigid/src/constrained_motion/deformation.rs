@@ -1,31 +1,27 @@
 //! Elastic displacement after the solve: `u = alpha u_previous + C f` at the control points, then at every surface point they reach.
 
-use crate::body::{BodyEntry, Skin};
-use crate::collision::{Afar, Contact, Pair, PatchSide};
-use crate::contact_problem::ContactProblem;
-use crate::math::{Mat3, Real, Vec3};
+use crate::collider::Collider;
+use crate::contact_problem::{ContactProblem, ElasticRows, Node, SideOperator};
+use crate::math::{Mat3, Real, Rot, Vec3};
+use crate::objects::Objects;
+use crate::pair::{Contact, Pair, PatchSide, Unloaded, patches};
 use crate::params::Parameters;
+use crate::slots::Slots;
 use crate::surface::{Compliance, LocalCompliance};
 
 /// Displacements below this are set to zero, m: far below rounding of any position, so nothing is lost but work.
 const FORGOTTEN: Real = 1e-20;
 
-/// Forces that differ by less than this share of the largest are the same to what follows from afar: with a millimetre of displacement it is 1e-12 m off.
+/// Forces that differ by less than this share of the largest are the same to unloaded control points: with a millimetre of displacement it is 1e-12 m off.
 const SAME_FORCE: Real = 1e-9;
-
-/// A patch whose reactions changed by less than this share in a step is taken to be at rest.
-const LEAST_TREND: Real = 1e-6;
-
-/// Reactions have to change by this many times what the solver left unfinished, or they are not foretold.
-const SURE: Real = 10.0;
 
 /// Scratch: forces on the control points of one side.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
-    /// Control points that were loaded before.
-    before: Vec<u32>,
     loaded: Vec<u32>,
     force: Vec<Vec3>,
+    /// Area that each loaded control point stands for, m^2.
+    area: Vec<Real>,
     is_loaded: Vec<bool>,
     /// Force on each contact of a patch, axes of the link of `a`.
     pushes: Vec<Vec3>,
@@ -36,156 +32,119 @@ pub(super) struct Scratch {
     feet: Vec<Vec3>,
 }
 
-/// Updates the memory of every pair from the solved reactions. Poses must still be those of the start of the step: reactions and frames are.
+/// Updates the elastic displacement of every pair from the solved reactions. Poses must still be those of the start of the step: reactions and frames are.
 pub(super) fn remember(
     scratch: &mut Scratch,
     pairs: &mut [Pair],
-    bodies: &[BodyEntry],
+    objects: &Objects,
     contacts: &[Contact],
     problem: &ContactProblem,
     params: &Parameters,
 ) {
     let reactions = &problem.reactions;
-    // What a solver that was cut short is still wrong by is no motion: carried on from step to step it would grow.
-    let least_trend = LEAST_TREND.max(SURE * problem.unfinished);
-    let mut first = 0;
-    for (index, pair) in pairs.iter_mut().enumerate() {
-        let count = contacts[first..].iter().take_while(|c| c.pair as usize == index).count();
-        let (patch, forces) = (&contacts[first..first + count], &reactions[first..first + count]);
-        first += count;
-        if count == 0 && pair.is_idle() {
+    let count = pairs.len();
+    for (pair, patch) in pairs.iter_mut().zip(patches(contacts, count)) {
+        if patch.is_empty() && pair.is_idle() {
             continue;
         }
-        // Meanwhile the trend holds the last reactions.
-        for &c in &pair.loaded {
-            pair.trend[c as usize] = std::mem::take(&mut pair.reaction[c as usize]);
-        }
-        std::mem::swap(&mut scratch.before, &mut pair.loaded);
-        pair.loaded.clear();
-        let (mut force, mut change) = (0.0, 0.0);
-        for (contact, f) in patch.iter().zip(forces) {
-            let c = contact.control_point as usize;
-            let before = std::mem::take(&mut pair.trend[c]);
-            if *f != Vec3::zeros() {
-                pair.reaction[c] = *f;
-                pair.loaded.push(contact.control_point);
-                if before != Vec3::zeros() {
-                    // Along a parabola through the last three, where there are three: smooth motion then starts the solver fifty times nearer than along a line.
-                    let last = std::mem::replace(&mut pair.change[c], f - before);
-                    pair.trend[c] = if last == Vec3::zeros() { pair.change[c] } else { pair.change[c] * 2.0 - last };
-                    force += f.norm_squared();
-                    change += pair.change[c].norm_squared();
-                    continue;
-                }
-            }
-            pair.change[c] = Vec3::zeros();
-        }
-        for c in scratch.before.drain(..).filter(|&c| pair.reaction[c as usize] == Vec3::zeros()) {
-            (pair.trend[c as usize], pair.change[c as usize]) = (Vec3::zeros(), Vec3::zeros());
-        }
-        // What is left at rest is the solver's last digits: to carry them on would only make work.
-        if change < least_trend * least_trend * force {
-            for &c in &pair.loaded {
-                (pair.trend[c as usize], pair.change[c as usize]) = (Vec3::zeros(), Vec3::zeros());
-            }
-        }
-        let (entry_a, entry_b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
-        if let Some(skin) = &entry_a.skin {
-            let to_link = entry_a.body.link_pose(entry_a.skin_link).rotation.inverse();
-            scratch.load(
-                skin.surface.control.len(),
-                patch.iter().zip(forces).map(|(c, f)| (c.control_point as usize, to_link * (c.frame * f))),
-            );
-            match &skin.compliance {
-                Compliance::Local(local) => {
-                    displace_local(&mut pair.side_a, local, skin.memory(params.dt), scratch);
-                    // A coarse contact gives with the area of its node: the change of its own diagonal.
-                    let control = &skin.surface.control;
-                    for contact in patch.iter().filter(|c| c.area != control.areas[c.control_point as usize]) {
-                        let c = contact.control_point as usize;
-                        let change = local.change_for_area(control, c, contact.area) * (1.0 - skin.memory(params.dt));
-                        pair.side_a.displacement[c] += scratch.force[c] * change;
-                    }
-                }
-                _ => displace_contacts(pair, skin, scratch, patch, params.dt),
-            }
-        }
-        if let Some(skin) = &entry_b.skin {
-            let to_link = entry_b.body.link_pose(entry_b.skin_link).rotation.inverse();
-            let pushes = patch.iter().zip(forces).flat_map(|(c, f)| {
-                let force = -(to_link * (c.frame * f));
-                c.weights_b.iter().map(move |(k, weight)| (k, force * weight))
-            });
-            scratch.load(skin.surface.control.len(), pushes);
-            if pair.rigid_b {
-                continue;
-            }
-            let alpha = skin.memory(params.dt);
-            if !matches!(skin.compliance, Compliance::HalfSpace(_)) {
-                // Left from when it was one.
-                decay(&mut pair.beyond, alpha);
-                forget_small(&mut pair.beyond);
-            }
-            match &skin.compliance {
-                Compliance::Local(local) => displace_local(&mut pair.side_b, local, alpha, scratch),
-                Compliance::HalfSpace(_) => {
-                    displace_feet(scratch, pair, skin, patch, forces, &to_link.to_rotation_matrix().into_inner(), alpha)
-                }
-                Compliance::Matrix(matrix) => {
-                    decay(&mut pair.side_b, alpha);
-                    // The control points under the contacts make up the operator: they are exact.
-                    scratch.hold(skin.surface.control.len(), patch.iter().flat_map(|contact| contact.weights_b.iter().map(|(k, _)| k)));
-                    for &k in &scratch.held {
-                        pair.side_b.touch(k as usize);
-                        pair.side_b.displacement[k as usize] +=
-                            matrix.displacement(k as usize, &scratch.loaded, &scratch.force) * (1.0 - alpha);
-                    }
-                    follow(&mut pair.side_b, skin, scratch, alpha);
-                }
-            }
+        let (patch, forces) = (&contacts[patch.clone()], &reactions[patch]);
+        let sides = pair.sides(objects);
+        let to_links = sides.map(|side| side.pose().rotation.inverse());
+        let [a, b] = SideOperator::of(sides.map(|side| &side.collider.skin), params.dt);
+        scratch.load(&a, patch, forces, &to_links[0]);
+        displace_a(pair, problem.elastic_rows(pair), &a, scratch, patch);
+        if !pair.rigid_b {
+            scratch.load(&b, patch, forces, &to_links[1]);
+            displace_b(pair, problem.elastic_rows(pair), &b, scratch, patch, forces, &to_links[1]);
         }
     }
 }
 
-/// Side `a` where it is no local model: `u <- alpha u + C f` at every contact by the rows that the solver saw, and at what follows from afar.
-fn displace_contacts(pair: &mut Pair, skin: &Skin, scratch: &mut Scratch, patch: &[Contact], dt: Real) {
-    let alpha = skin.memory(dt);
-    decay(&mut pair.side_a, alpha);
+/// Side `a`: `H` is the identity, so that rows of tensors are the compliance between the loaded control points.
+fn displace_a(pair: &mut Pair, rows: Option<&ElasticRows>, a: &SideOperator<'_>, scratch: &mut Scratch, patch: &[Contact]) {
+    if let Compliance::Local(local) = &a.skin.compliance {
+        displace_local(&mut pair.side_a, a, local, scratch);
+        return;
+    }
+    decay(&mut pair.side_a, a.alpha);
     scratch.pushes.clear();
     scratch.pushes.extend(patch.iter().map(|contact| contact.control_point as usize).map(|c| scratch.force[c]));
     for (i, contact) in patch.iter().enumerate() {
-        let Some(row) = pair.elastic.tensor_row(0, i) else { continue };
+        let Some(row) = rows.and_then(|rows| rows.tensor_row(0, i)) else { continue };
         let moved = product(row, &scratch.pushes);
         let c = contact.control_point as usize;
         pair.side_a.touch(c);
         pair.side_a.displacement[c] += moved;
     }
-    scratch.hold(skin.surface.control.len(), patch.iter().map(|contact| contact.control_point as usize));
-    follow(&mut pair.side_a, skin, scratch, alpha);
+    scratch.hold(a, patch);
+    displace_unloaded(&mut pair.side_a, a, scratch);
+}
+
+/// Side `b`. `to_link_b`: rotation from the world to its link.
+fn displace_b(
+    pair: &mut Pair,
+    rows: Option<&ElasticRows>,
+    b: &SideOperator<'_>,
+    scratch: &mut Scratch,
+    patch: &[Contact],
+    forces: &[Vec3],
+    to_link_b: &Rot,
+) {
+    if let Compliance::HalfSpace(_) = &b.skin.compliance {
+        displace_feet(pair, rows, b, scratch, patch, forces, to_link_b);
+        return;
+    }
+    // Left from when it was a half-space.
+    decay(&mut pair.fine_b, b.alpha);
+    forget_small(&mut pair.fine_b);
+    match &b.skin.compliance {
+        Compliance::Local(local) => displace_local(&mut pair.side_b, b, local, scratch),
+        Compliance::HalfSpace(_) => {}
+        Compliance::Matrix(matrix) => {
+            decay(&mut pair.side_b, b.alpha);
+            // The control points under the contacts make up the operator: they are exact.
+            scratch.hold(b, patch);
+            for &k in &scratch.held {
+                pair.side_b.touch(k as usize);
+                pair.side_b.displacement[k as usize] += matrix.displacement(k as usize, &scratch.loaded, &scratch.force) * b.share();
+            }
+            displace_unloaded(&mut pair.side_b, b, scratch);
+        }
+    }
 }
 
 /// A half-space on side `b`: `u <- alpha u + C f` at the feet of the contacts by the rows that the solver saw; and at the control points of `b`,
-/// which show the deformation and carry it along where feet move.
-fn displace_feet(scratch: &mut Scratch, pair: &mut Pair, skin_b: &Skin, patch: &[Contact], forces: &[Vec3], to_link_b: &Mat3, alpha: Real) {
-    let turn = *pair.elastic.turn();
+/// which show the deformation and keep it where feet move.
+fn displace_feet(
+    pair: &mut Pair,
+    rows: Option<&ElasticRows>,
+    b: &SideOperator<'_>,
+    scratch: &mut Scratch,
+    patch: &[Contact],
+    forces: &[Vec3],
+    to_link_b: &Rot,
+) {
+    let turn = rows.map_or_else(Mat3::identity, |rows| *rows.turn());
+    let to_link_b = to_link_b.to_rotation_matrix().into_inner();
     scratch.pushes.clear();
-    scratch.pushes.extend(patch.iter().zip(forces).map(|(contact, f)| -(turn * (to_link_b * (contact.frame * f)))));
+    scratch.pushes.extend(patch.iter().zip(forces).map(|(contact, f)| turn * (to_link_b * b.force(contact, f))));
     scratch.feet.clear();
     for (i, contact) in patch.iter().enumerate() {
         let before = pair.displacement_of_b(contact.control_point as usize, &contact.weights_b);
-        let moved = pair.elastic.tensor_row(1, i).map_or_else(Vec3::zeros, |row| turn.tr_mul(&product(row, &scratch.pushes)));
-        scratch.feet.push(before * alpha + moved);
+        let row = rows.and_then(|rows| rows.tensor_row(1, i));
+        let moved = row.map_or_else(Vec3::zeros, |row| turn.tr_mul(&product(row, &scratch.pushes)));
+        scratch.feet.push(before * b.alpha + moved);
     }
-    decay(&mut pair.side_b, alpha);
-    scratch.hold(skin_b.surface.control.len(), std::iter::empty());
-    follow(&mut pair.side_b, skin_b, scratch, alpha);
-    pair.beyond.clear();
+    decay(&mut pair.side_b, b.alpha);
+    scratch.hold(b, &[]);
+    displace_unloaded(&mut pair.side_b, b, scratch);
+    pair.fine_b.clear();
     for (contact, u) in patch.iter().zip(&scratch.feet) {
         let c = contact.control_point as usize;
         let beyond = u - pair.displacement_of_b(c, &contact.weights_b);
         if beyond != Vec3::zeros() {
-            pair.beyond.touch(c);
-            pair.beyond.displacement[c] = beyond;
+            pair.fine_b.touch(c);
+            pair.fine_b.displacement[c] = beyond;
         }
     }
 }
@@ -201,16 +160,17 @@ fn product(row: &[Mat3], forces: &[Vec3]) -> Vec3 {
 }
 
 impl Scratch {
-    /// Notes which control points are not to be followed from afar.
-    fn hold(&mut self, control_points: usize, held: impl Iterator<Item = usize>) {
+    /// Marks the nodes of the contacts of a patch: their displacement is found exactly.
+    fn hold(&mut self, side: &SideOperator<'_>, patch: &[Contact]) {
         for &c in &self.held {
             self.is_held[c as usize] = false;
         }
         self.held.clear();
+        let control_points = side.skin.surface.control.len();
         if self.is_held.len() < control_points {
             self.is_held.resize(control_points, false);
         }
-        for c in held {
+        for c in patch.iter().flat_map(|contact| side.nodes(contact)).map(|node| node.control_point) {
             if !self.is_held[c] {
                 self.is_held[c] = true;
                 self.held.push(c as u32);
@@ -218,25 +178,31 @@ impl Scratch {
         }
     }
 
-    /// Sums the forces on each control point.
-    fn load(&mut self, control_points: usize, pushes: impl Iterator<Item = (usize, Vec3)>) {
+    /// `H^T f`: sums the forces on each node, axes of the link.
+    fn load(&mut self, side: &SideOperator<'_>, patch: &[Contact], reactions: &[Vec3], to_link: &Rot) {
         for &c in &self.loaded {
             (self.force[c as usize], self.is_loaded[c as usize]) = (Vec3::zeros(), false);
         }
         self.loaded.clear();
+        let control_points = side.skin.surface.control.len();
         if self.force.len() < control_points {
             self.force.resize(control_points, Vec3::zeros());
+            self.area.resize(control_points, 0.0);
             self.is_loaded.resize(control_points, false);
         }
-        for (c, f) in pushes {
-            if f == Vec3::zeros() {
+        for (contact, reaction) in patch.iter().zip(reactions) {
+            let force = to_link * side.force(contact, reaction);
+            if force == Vec3::zeros() {
                 continue;
             }
-            if !self.is_loaded[c] {
-                self.is_loaded[c] = true;
-                self.loaded.push(c as u32);
+            for Node { control_point: c, weight, area } in side.nodes(contact) {
+                if !self.is_loaded[c] {
+                    self.is_loaded[c] = true;
+                    self.loaded.push(c as u32);
+                    self.area[c] = area;
+                }
+                self.force[c] += force * weight;
             }
-            self.force[c] += f;
         }
     }
 }
@@ -248,39 +214,39 @@ fn decay(side: &mut PatchSide, alpha: Real) {
     }
 }
 
-/// `u <- alpha u + (1 - alpha) K^-1 f` at every control point that a loaded one reaches.
-fn displace_local(side: &mut PatchSide, local: &LocalCompliance, alpha: Real, scratch: &Scratch) {
-    decay(side, alpha);
+/// `u <- alpha u + C f` at every control point that a loaded one reaches.
+fn displace_local(side: &mut PatchSide, operator: &SideOperator<'_>, local: &LocalCompliance, scratch: &Scratch) {
+    decay(side, operator.alpha);
     for &j in &scratch.loaded {
-        let force = scratch.force[j as usize] * (1.0 - alpha);
-        // G is symmetric: the row of j lists whom j reaches.
-        for e in local.neighbours.range(j as usize) {
-            let i = local.neighbours.index[e] as usize;
+        let j = j as usize;
+        let force = scratch.force[j] * operator.share();
+        operator.local_row(local, j, scratch.area[j], |i, value| {
             side.touch(i);
-            side.displacement[i] += force * local.values[e];
-        }
+            side.displacement[i] += force * value;
+        });
     }
     forget_small(side);
 }
 
-/// Adds `(1 - alpha) K^-1 f` to the displacement of the control points that are not held by the scratch: those that loaded ones reach, and whatever is displaced.
-fn follow(side: &mut PatchSide, skin: &Skin, scratch: &Scratch, alpha: Real) {
-    if side.afar.renew(scratch) {
+/// Adds `C f` to the displacement of the control points that are not held by the scratch: those that loaded ones reach, and whatever is displaced.
+fn displace_unloaded(side: &mut PatchSide, operator: &SideOperator<'_>, scratch: &Scratch) {
+    let SideOperator { skin, .. } = operator;
+    if side.unloaded.renew(scratch) {
         for &j in &scratch.loaded {
             match &skin.compliance {
                 Compliance::Matrix(matrix) => {
                     (0..matrix.control_points()).filter(|&i| matrix.reaches(i, j as usize)).for_each(|i| side.touch(i));
                 }
-                // A half-space reaches everywhere; followed are the loaded control points and their neighbours, and whatever was.
+                // A half-space reaches everywhere; displaced are the loaded control points and their neighbours, and whatever was.
                 _ => std::iter::once(&j).chain(skin.surface.leaf_neighbours.row(j as usize)).for_each(|&i| side.touch(i as usize)),
             }
         }
     }
     for &i in side.active.iter().filter(|&&i| !scratch.is_held[i as usize]) {
-        let (i, afar) = (i as usize, &mut side.afar);
-        if afar.found[i] != afar.count {
-            afar.found[i] = afar.count;
-            afar.settled[i] = match &skin.compliance {
+        let (i, unloaded) = (i as usize, &mut side.unloaded);
+        if unloaded.found_at[i] != unloaded.revision {
+            unloaded.found_at[i] = unloaded.revision;
+            unloaded.static_displacement[i] = match &skin.compliance {
                 Compliance::Local(_) => Vec3::zeros(),
                 Compliance::HalfSpace(half_space) => {
                     let moved = |&j: &u32| half_space.block(&skin.surface.control, i, j as usize) * scratch.force[j as usize];
@@ -289,7 +255,7 @@ fn follow(side: &mut PatchSide, skin: &Skin, scratch: &Scratch, alpha: Real) {
                 Compliance::Matrix(matrix) => matrix.displacement(i, &scratch.loaded, &scratch.force),
             };
         }
-        side.displacement[i] += afar.settled[i] * (1.0 - alpha);
+        side.displacement[i] += unloaded.static_displacement[i] * operator.share();
     }
     forget_small(side);
 }
@@ -306,7 +272,7 @@ fn forget_small(side: &mut PatchSide) {
     });
 }
 
-impl Afar {
+impl Unloaded {
     /// Takes note of the forces. Returns whether they have changed by more than the last digits.
     fn renew(&mut self, scratch: &Scratch) -> bool {
         let now = || scratch.loaded.iter().map(|&c| (c, scratch.force[c as usize]));
@@ -317,30 +283,128 @@ impl Afar {
         }
         self.forces.clear();
         self.forces.extend(now());
-        self.count += 1;
+        self.revision += 1;
         true
     }
 }
 
-/// Sums the patches of every skin.
-pub(super) fn deform_skins(bodies: &mut [BodyEntry], pairs: &[Pair], params: &Parameters) {
-    for entry in bodies.iter_mut() {
-        if let Some(skin) = &mut entry.skin {
-            skin.clear_displacement();
-        }
+/// Sums the patches of every collider.
+pub(super) fn deform_skins(colliders: &mut Slots<Collider>, pairs: &[Pair], params: &Parameters) {
+    for (_, collider) in colliders.iter_mut() {
+        collider.skin.clear_displacement();
     }
     for pair in pairs {
-        for (body, side) in [(pair.a, &pair.side_a), (pair.b, &pair.side_b)] {
-            if let Some(skin) = &mut bodies[body as usize].skin {
-                for &c in &side.active {
-                    skin.add_displacement(c, &side.displacement[c as usize]);
-                }
+        for (collider, side) in [(pair.a, &pair.side_a), (pair.b, &pair.side_b)] {
+            let skin = &mut colliders[collider].skin;
+            for &c in &side.active {
+                skin.add_displacement(c, &side.displacement[c as usize]);
             }
         }
     }
-    for entry in bodies.iter_mut() {
-        if let Some(skin) = &mut entry.skin {
-            skin.deform(params);
+    for (_, collider) in colliders.iter_mut() {
+        collider.skin.deform(params.deformation_threshold);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::body::{Amount, MassProperties, Motion, RigidBody};
+    use crate::collider::{ComplianceModel, Material};
+    use crate::contact_problem::contact_problem;
+    use crate::delassus::Delassus;
+    use crate::free_motion::FreeMotion;
+    use crate::math::Pose;
+    use crate::surface::{ComplianceMatrix, HalfSpaceCompliance, Surface, shapes};
+    use crate::{Parameters, World};
+    use std::sync::Arc;
+
+    /// A free ball pressed a third of a millimetre into a fixed plate, both turned somehow, after some steps.
+    fn ball_on_plate(surfaces: &[Arc<Surface>; 2], materials: [Material; 2]) -> World {
+        let [ball, plate] = surfaces;
+        let [of_ball, of_plate] = materials;
+        let mut world = World::new(Parameters::default()).unwrap();
+        let place = Pose::new(Vec3::new(0.1, 0.2, 0.3), Vec3::new(0.4, -0.7, 1.1));
+        world.add_body(RigidBody::fixed("plate", place).unwrap(), Some((plate.clone(), of_plate))).unwrap();
+        let mass = MassProperties::sphere(0.01, Amount::Mass(0.1)).unwrap();
+        let above = place * Pose::new(Vec3::new(0.0, 0.0, 0.01 - 0.35e-3), Vec3::new(-1.3, 0.2, 0.6));
+        world.add_body(RigidBody::free("ball", mass, Motion::Inertial, above).unwrap(), Some((ball.clone(), of_ball))).unwrap();
+        (0..3).for_each(|_| drop(world.step()));
+        world
+    }
+
+    /// Elastic displacement of both sides at a contact, world axes, m.
+    fn displacements(world: &World, contact: &Contact) -> [Vec3; 2] {
+        let pair = &world.pairs[contact.pair as usize];
+        let [turn_a, turn_b] = pair.sides(&world.objects).map(|side| side.pose().rotation);
+        let c = contact.control_point as usize;
+        [turn_a * pair.side_a.displacement[c], turn_b * pair.displacement_of_b(c, &contact.weights_b)]
+    }
+
+    /// Largest `|H (u_after - alpha u_before) - W_deform f|` over the contacts for arbitrary reactions, over the largest displacement.
+    fn disagreement(world: &mut World) -> Real {
+        // Nothing moves as a whole: W is W_deform.
+        let held = vec![FreeMotion::none(); world.objects.bodies.slot_count()];
+        let dt = world.params.dt;
+        let World { workspace: ws, pairs, objects, params, .. } = world;
+        let count = ws.collision.contacts.len();
+        contact_problem(&mut ws.problem, &mut ws.collision.contacts, pairs, objects, &held, dt);
+        assert!(ws.problem.len() == count && count >= 8, "{} of {count} contacts are left", ws.problem.len());
+        for (i, f) in ws.problem.unknowns.iter_mut().enumerate() {
+            *f = Vec3::from_fn(|k, _| 0.1 * (2.3 * i as Real + 1.7 * k as Real).sin());
+        }
+        ws.problem.take_solution(&ws.collision.contacts, 0.0);
+        ws.problem.w.set_reactions(&ws.problem.unknowns);
+        let (contacts, params) = (ws.collision.contacts.clone(), params.clone());
+        let alpha = world.pairs[0].sides(&world.objects).map(|side| side.collider.skin.memory(dt));
+        let before: Vec<[Vec3; 2]> = contacts.iter().map(|contact| displacements(world, contact)).collect();
+        let World { workspace: ws, pairs, objects, .. } = &mut *world;
+        remember(&mut Scratch::default(), pairs, objects, &contacts, &ws.problem, &params);
+        let (mut worst, mut largest): (Real, Real) = (0.0, 0.0);
+        for (i, (contact, before)) in contacts.iter().zip(&before).enumerate() {
+            let after = displacements(world, contact);
+            let [by_a, by_b] = [0, 1].map(|side| after[side] - before[side] * alpha[side]);
+            let mut delta = contact.frame.transpose() * (by_a - by_b);
+            delta.z *= contact.friction_ratio;
+            worst = worst.max((delta - world.workspace.problem.w.displacement(i)).amax());
+            largest = largest.max(after.iter().chain(before).map(|u| u.amax()).fold(0.0, Real::max));
+        }
+        worst / largest
+    }
+
+    #[test]
+    fn displacement_at_contacts_is_what_the_solver_saw_whatever_the_compliances() {
+        let surface = |points, count| Arc::new(Surface::build(points, Some(count)).unwrap());
+        let ball = surface(shapes::sample_sphere(0.01, 4_000).unwrap(), 600);
+        let plate = surface(shapes::sample_half_space(0.02, 1_600).unwrap(), 150);
+        let surfaces = [ball, plate];
+        let pulp = Material::preset("fingertip_pulp").unwrap();
+        let models = |surface: &Surface| {
+            let dense = Compliance::HalfSpace(HalfSpaceCompliance::new(2e5, 0.3)).assembled(&surface.control);
+            let matrix = ComplianceModel::Matrix(Arc::new(ComplianceMatrix::new(&dense).unwrap()));
+            [pulp.model.clone(), ComplianceModel::HalfSpace, matrix].map(|model| pulp.clone().with_model(model).unwrap())
+        };
+        let [of_ball, of_plate] = [0, 1].map(|k| models(&surfaces[k]));
+        let steel = Material::preset("steel").unwrap();
+        for a in &of_ball {
+            for b in of_plate.iter().chain([&steel]) {
+                let mut world = ball_on_plate(&surfaces, [a.clone(), b.clone()]);
+                let name = |material: &Material| if *material == steel { "rigid".to_string() } else { format!("{:?}", material.model) };
+                let names = format!("{} on {}", name(a), name(b));
+                assert_eq!(world.pairs[0].rigid_b, *b == steel, "{names}");
+                let plain = disagreement(&mut world);
+                // Every other contact stands for three control points, and friction has a direction.
+                for contact in &mut world.workspace.collision.contacts {
+                    contact.friction_ratio = 0.6;
+                    contact.area *= if contact.control_point.is_multiple_of(2) { 3.0 } else { 1.0 };
+                }
+                let coarse = disagreement(&mut world);
+                println!("{names}: {plain:.1e}, with areas of nodes and directed friction {coarse:.1e}");
+                assert!(
+                    plain.max(coarse) < 4e-15,
+                    "{names}: {plain:e} of the displacement, areas of nodes and directed friction: {coarse:e}"
+                );
+            }
         }
     }
 }

@@ -6,29 +6,30 @@ mod slip;
 
 pub use integrate::advance;
 
-use crate::body::BodyEntry;
-use crate::collision::{Contact, Pair};
-use crate::contact_problem::ContactProblem;
+use crate::contact_problem::{ContactProblem, warm_start};
 use crate::free_motion::{FreeMotion, StepContext, is_sound};
 use crate::math::{Vec3, Vec6};
+use crate::objects::Objects;
+use crate::pair::{Contact, Pair};
 use crate::params::Parameters;
 use std::time::{Duration, Instant};
 
 /// Scratch and output of the stage.
 #[derive(Debug, Default)]
 pub struct Scratch {
-    /// Dense indices of bodies that became non-finite in this step.
-    pub quarantined: Vec<usize>,
+    /// Slots of bodies that became non-finite in this step.
+    pub quarantined: Vec<u32>,
     /// Time to sum the displacements of all patches.
     pub hierarchy_time: Duration,
     deformation: deformation::Scratch,
+    loaded_before: Vec<u32>,
     forces: Vec<Vec6>,
 }
 
 /// `dx = dx_free + A^-1 J^T f`; then the elastic displacements.
-pub fn constrained_motion(
+pub(crate) fn constrained_motion(
     scratch: &mut Scratch,
-    bodies: &mut [BodyEntry],
+    objects: &mut Objects,
     pairs: &mut [Pair],
     contacts: &[Contact],
     problem: &ContactProblem,
@@ -38,12 +39,14 @@ pub fn constrained_motion(
     let context = StepContext::of(params);
     let reactions = &problem.reactions;
     slip::remember(pairs, contacts, problem, context.dt);
-    deformation::remember(&mut scratch.deformation, pairs, bodies, contacts, problem, params);
-    generalized_forces(&mut scratch.forces, bodies, contacts, reactions);
+    deformation::remember(&mut scratch.deformation, pairs, objects, contacts, problem, params);
+    warm_start::remember(&mut scratch.loaded_before, pairs, contacts, problem);
+    generalized_forces(&mut scratch.forces, objects, contacts, reactions);
     scratch.quarantined.clear();
-    for (index, ((entry, free), force)) in bodies.iter_mut().zip(free).zip(&scratch.forces).enumerate() {
-        if free.set_aside {
-            scratch.quarantined.push(index);
+    for (slot, entry) in objects.bodies.iter_mut() {
+        let (free, force) = (&free[slot as usize], &scratch.forces[slot as usize]);
+        if free.quarantined {
+            scratch.quarantined.push(slot);
         }
         if entry.quarantined {
             continue;
@@ -55,24 +58,24 @@ pub fn constrained_motion(
             // Nothing non-finite leaves the step: back to where it was, out of the way, and reported.
             entry.body.restore(&before);
             entry.quarantined = true;
-            scratch.quarantined.push(index);
+            scratch.quarantined.push(slot);
         }
     }
     let start = Instant::now();
-    deformation::deform_skins(bodies, pairs, params);
+    deformation::deform_skins(&mut objects.colliders, pairs, params);
     scratch.hierarchy_time = start.elapsed();
 }
 
 /// `J^T f` of every body: N and N m about the centre of mass of a free body, N m for each joint of a finger.
-fn generalized_forces(forces: &mut Vec<Vec6>, bodies: &[BodyEntry], contacts: &[Contact], reactions: &[Vec3]) {
+fn generalized_forces(forces: &mut Vec<Vec6>, objects: &Objects, contacts: &[Contact], reactions: &[Vec3]) {
     forces.clear();
-    forces.resize(bodies.len(), Vec6::zeros());
+    forces.resize(objects.bodies.slot_count(), Vec6::zeros());
     for (contact, f) in contacts.iter().zip(reactions) {
         let force = contact.frame * f;
-        for (body, sign) in [(contact.body_a, 1.0), (contact.body_b, -1.0)] {
-            let entry = &bodies[body as usize];
-            if entry.body.dof() > 0 {
-                forces[body as usize] += entry.body.point_jacobian(entry.skin_link, &contact.point).transpose() * force * sign;
+        for (collider, sign) in [(contact.collider_a, 1.0), (contact.collider_b, -1.0)] {
+            let side = objects.side(collider);
+            if side.body.body.dof() > 0 {
+                forces[side.collider.body as usize] += side.point_jacobian(&contact.point).transpose() * force * sign;
             }
         }
     }

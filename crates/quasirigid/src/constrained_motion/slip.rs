@@ -1,8 +1,8 @@
 //! Slip speeds, where friction falls with them: what the next step takes its coefficients from.
 
-use crate::collision::{Contact, Pair};
 use crate::contact_problem::ContactProblem;
 use crate::math::Real;
+use crate::pair::{Contact, Pair};
 
 /// Remembers the slip speed of every contact of the pairs whose friction falls with it. A contact that is near but open counts too: so a control point that comes to
 /// bear under a sliding body has the coefficient of its neighbours at once.

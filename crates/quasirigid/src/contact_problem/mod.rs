@@ -3,32 +3,40 @@
 //! `W = W_rigid + W_deform` is filled in its matrix-free form; [`ContactProblem::assembled`] gives the matrix for tests, export and users' own problems.
 
 mod elastic;
-mod elastic_rows;
+mod elastic_operator;
 mod free_gap;
+mod rows;
+mod stored;
+pub(crate) mod warm_start;
 
-pub use elastic_rows::ElasticRows;
+pub(crate) use elastic_operator::{Node, SideOperator};
+pub use rows::ElasticRows;
+pub(crate) use stored::StoredProblem;
 
-use crate::body::BodyEntry;
-use crate::collision::{Contact, Pair};
+use crate::delassus::{Assembled, ContactStatus, Delassus, MatrixFree, NO_BODY};
 use crate::error::Result;
 use crate::free_motion::FreeMotion;
-use crate::gauss_seidel::{Assembled, ContactStatus, Delassus, MatrixFree, NO_BODY};
 use crate::math::{Mat3, Mat3x6, Real, Vec3};
+use crate::objects::{Objects, Side};
+use crate::pair::{Contact, Pair};
+use rows::Origin;
 use std::time::{Duration, Instant};
 
 /// The problem that Gauss-Seidel solves, and its solution.
 #[derive(Debug, Default)]
 pub struct ContactProblem {
-    /// Delassus operator, m/N, in contact frames (normal, tangent1, tangent2).
+    /// Delassus operator, m/N, in the axes of [`friction_axes`]: contact frames (normal, tangent1, tangent2) where friction is isotropic.
     pub w: MatrixFree,
-    /// Gap (normal) and slip (tangents) at the end of the step without reactions, m.
+    /// Gap (normal) and slip (tangents) at the end of the step without reactions, m, in the same axes.
     pub delta_free: Vec<Vec3>,
     /// Friction coefficient of each contact, along its tangent1.
     pub mu: Vec<Real>,
-    /// Reactions, N: the warm start on entry to the solver, the solution after.
+    /// Unknowns of the solver, N, `D^-1 f` with `D = diag(1, 1, mu_2/mu_1)`: the warm start on entry, the solution after.
+    pub unknowns: Vec<Vec3>,
+    /// Reactions `f` in contact frames, N. Set with the solution.
     pub reactions: Vec<Vec3>,
-    /// Whether any of the warm start is a forecast rather than the last reaction: something is in motion.
-    pub foretold: bool,
+    /// Whether any of the warm start is predicted rather than the last reaction: something is in motion.
+    pub predicted: bool,
     /// Residual of the reactions if the solver did not get to its tolerance, otherwise 0. Set with the solution.
     pub unfinished: Real,
     /// Open, stick or slip, as the solver left it.
@@ -41,9 +49,35 @@ pub struct ContactProblem {
     pub deform_time: Duration,
     rigid: Vec<RigidRows>,
     elastic: elastic::Scratch,
+    /// Elastic rows of the pairs that have touched, in the order of the pairs, kept while their contacts stay the same.
+    elastic_rows: Vec<ElasticRows>,
     /// Serial numbers of the elastic rows that `w` holds, patch by patch, and the last one given out.
     held: Vec<u64>,
     serial: u64,
+}
+
+impl Clone for ContactProblem {
+    /// What may be read of the problem, and the elastic rows; no scratch.
+    fn clone(&self) -> Self {
+        Self {
+            w: self.w.clone(),
+            delta_free: self.delta_free.clone(),
+            mu: self.mu.clone(),
+            unknowns: self.unknowns.clone(),
+            reactions: self.reactions.clone(),
+            predicted: self.predicted,
+            unfinished: self.unfinished,
+            status: self.status.clone(),
+            ill_posed: self.ill_posed,
+            rigid_time: self.rigid_time,
+            deform_time: self.deform_time,
+            rigid: Vec::new(),
+            elastic: elastic::Scratch::default(),
+            elastic_rows: self.elastic_rows.clone(),
+            held: self.held.clone(),
+            serial: self.serial,
+        }
+    }
 }
 
 /// Rigid part of one contact: `J S` of either side with the slot of its body.
@@ -54,20 +88,33 @@ struct RigidRows {
 }
 
 impl ContactProblem {
-    /// `delta_free` (m) and reactions (N) of the problem that is left when viscous drag is taken for a load: a plain Coulomb problem with the same `W` and `mu`, and the same
+    /// `delta_free` (m) and unknowns (N) of the problem that is left when viscous drag is taken for a load: a plain Coulomb problem with the same `W` and `mu`, and the same
     /// displacements. For export; without drag these are those of the step.
     pub fn coulomb_part(&self) -> (Vec<Vec3>, Vec<Vec3>) {
-        let (mut delta_free, mut reactions) = (self.delta_free.clone(), self.reactions.clone());
+        let (mut delta_free, mut unknowns) = (self.delta_free.clone(), self.unknowns.clone());
         let dragged = |i: &usize| self.w.diagonal_block(*i).drag() > 0.0;
         for j in (0..self.len()).filter(dragged) {
             let delta = self.w.displacement(j) + self.delta_free[j];
-            reactions[j] = self.w.diagonal_block(j).without_drag(&self.reactions[j], &delta);
-            let drag = self.reactions[j] - reactions[j];
+            unknowns[j] = self.w.diagonal_block(j).without_drag(&self.unknowns[j], &delta);
+            let drag = self.unknowns[j] - unknowns[j];
             for (i, free) in delta_free.iter_mut().enumerate() {
                 *free += self.w.block(i, j) * drag;
             }
         }
-        (delta_free, reactions)
+        (delta_free, unknowns)
+    }
+
+    /// Takes over the solution, for contacts in the order of the problem. `residual`: what the solver left if it did not get to its tolerance, else 0.
+    pub(crate) fn take_solution(&mut self, contacts: &[Contact], residual: Real) {
+        self.unfinished = residual;
+        self.reactions.clear();
+        self.reactions.extend(contacts.iter().zip(&self.unknowns).map(|(contact, f)| Vec3::new(f.x, f.y, f.z * contact.friction_ratio)));
+    }
+
+    /// The elastic rows of a pair, if it touched in this step.
+    pub(crate) fn elastic_rows(&self, pair: &Pair) -> Option<&ElasticRows> {
+        let found = self.elastic_rows.binary_search_by_key(&(pair.a, pair.b), |rows| rows.origin.colliders).ok()?;
+        Some(&self.elastic_rows[found])
     }
 
     /// Slip of contact `i` over the step, m: the tangential displacement of the two material points against each other. Exactly 0 where it sticks.
@@ -76,12 +123,24 @@ impl ContactProblem {
             return 0.0;
         }
         let delta = self.w.displacement(i) + self.delta_free[i];
-        delta.y.hypot(delta.z / contact.stretch())
+        delta.y.hypot(delta.z / contact.friction_ratio)
     }
 
-    /// No problem yet; elastic rows that pairs keep from this one are not taken for those filled from now on.
-    pub(crate) fn started_anew(&self) -> Self {
-        Self { serial: self.serial, ..Self::default() }
+    /// Takes out the contacts for which `keep` is false; what is known of the others stays the same bits.
+    pub(crate) fn retain(&mut self, keep: impl Fn(usize) -> bool) {
+        for list in [&mut self.delta_free, &mut self.unknowns, &mut self.reactions] {
+            retain_by_index(list, &keep);
+        }
+        retain_by_index(&mut self.mu, &keep);
+        retain_by_index(&mut self.status, &keep);
+        self.w.retain(&keep);
+        // The operator holds other rows than those that were filled for it.
+        self.held.clear();
+    }
+
+    /// Forgets the elastic rows of a collider that is gone: the next one in its slot is another.
+    pub(crate) fn forget_collider(&mut self, gone: u32) {
+        self.elastic_rows.retain(|rows| rows.origin.colliders.0 != gone && rows.origin.colliders.1 != gone);
     }
 
     /// Number of contacts.
@@ -104,17 +163,17 @@ impl ContactProblem {
 }
 
 /// Fills the problem. `contacts` is ordered by pair; contacts that cannot be solved are taken out of it.
-pub fn contact_problem(
+pub(crate) fn contact_problem(
     out: &mut ContactProblem,
     contacts: &mut Vec<Contact>,
-    pairs: &mut [Pair],
-    bodies: &[BodyEntry],
+    pairs: &[Pair],
+    objects: &Objects,
     free: &[FreeMotion],
     dt: Real,
 ) {
     out.ill_posed = 0;
     loop {
-        fill(out, contacts, pairs, bodies, free, dt);
+        fill(out, contacts, pairs, objects, free, dt);
         let filled = Instant::now();
         let finished = out.w.finish();
         out.deform_time += filled.elapsed();
@@ -134,17 +193,18 @@ pub fn contact_problem(
     }
 }
 
-fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodies: &[BodyEntry], free: &[FreeMotion], dt: Real) {
-    let hold = refresh_elastic_rows(out, contacts, pairs, bodies, dt);
+fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &[Pair], objects: &Objects, free: &[FreeMotion], dt: Real) {
+    let hold = refresh_elastic_rows(out, contacts, pairs, objects, dt);
     if hold {
-        out.w.clear_rigid(bodies.len());
+        out.w.clear_rigid(objects.bodies.slot_count());
     } else {
-        out.w.clear(bodies.len());
+        out.w.clear(objects.bodies.slot_count());
     }
     out.delta_free.clear();
     out.mu.clear();
+    out.unknowns.clear();
     out.reactions.clear();
-    out.foretold = false;
+    out.predicted = false;
     out.unfinished = 0.0;
     out.status.clear();
     out.status.resize(contacts.len(), ContactStatus::Open);
@@ -153,32 +213,35 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodi
     for patch in contacts.chunk_by(|c, d| c.pair == d.pair) {
         let start = Instant::now();
         let pair = &pairs[patch[0].pair as usize];
-        let (entry_a, entry_b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
-        if entry_a.active_skin().is_some() && entry_b.active_skin().is_some() {
+        let [side_a, side_b] = pair.sides(objects);
+        if side_a.active_skin().is_some() && side_b.active_skin().is_some() {
             out.rigid.clear();
             for contact in patch {
-                out.delta_free.push(free_gap::delta_free(contact, pair, bodies, free, dt));
-                out.mu.push(coefficient(contact, pair, [entry_a, entry_b]));
-                let warm_start = warm_start(pair, contact.control_point as usize);
-                out.foretold |= warm_start != pair.reaction[contact.control_point as usize];
-                out.reactions.push(warm_start);
+                let axes = friction_axes(contact);
+                out.delta_free.push(free_gap::delta_free(contact, &axes, pair, objects, free, dt));
+                out.mu.push(coefficient(contact, pair, [side_a, side_b]));
+                let control_point = contact.control_point as usize;
+                let predicted = pair.reactions.predict(control_point);
+                out.predicted |= predicted != pair.reactions.last[control_point];
+                out.unknowns.push(Vec3::new(predicted.x, predicted.y, predicted.z / contact.friction_ratio));
                 out.rigid.push(RigidRows {
-                    a: rigid_rows(contact, pair.a, entry_a, &free[pair.a as usize], 1.0),
-                    b: rigid_rows(contact, pair.b, entry_b, &free[pair.b as usize], -1.0),
+                    a: rigid_rows(contact, &axes, side_a, free, 1.0),
+                    b: rigid_rows(contact, &axes, side_b, free, -1.0),
                 });
             }
-            let elastic_axes = axes(entry_a).transpose();
+            let elastic_axes = side_a.axes().transpose();
             let prepared = Instant::now();
             out.rigid_time += prepared - start;
             // c A v as a force per displacement over the step.
             let drag = pair.friction.viscous_coefficient() / dt;
+            let rows = out.elastic_rows.binary_search_by_key(&(pair.a, pair.b), |rows| rows.origin.colliders).ok();
             for (i, (contact, RigidRows { a, b })) in patch.iter().zip(&out.rigid).enumerate() {
-                out.w.push_contact(a.0, &a.1, b.0, &b.1, &(elastic_axes * contact.frame));
+                out.w.push_contact(a.0, &a.1, b.0, &b.1, &(elastic_axes * friction_axes(contact)));
                 if drag > 0.0 {
                     out.w.set_drag(drag * contact.area);
                 }
-                if !hold {
-                    pair.elastic.push_row(&mut out.w, i, first);
+                if let Some(rows) = rows.filter(|_| !hold) {
+                    out.elastic_rows[rows].push_row(&mut out.w, i, first);
                 }
             }
             out.deform_time += prepared.elapsed();
@@ -188,37 +251,42 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodi
 }
 
 /// `mu` of one contact, at the slip speed that it had at the end of the last step.
-fn coefficient(contact: &Contact, pair: &Pair, bodies: [&BodyEntry; 2]) -> Real {
+fn coefficient(contact: &Contact, pair: &Pair, sides: [Side<'_>; 2]) -> Real {
     pair.friction.constant().unwrap_or_else(|| {
         let speed = pair.slip_speed.get(contact.control_point as usize).copied().unwrap_or(0.0);
-        let [turn_a, turn_b] = bodies.map(axes);
+        let [turn_a, turn_b] = sides.map(|side| side.axes());
         pair.friction.coefficient(&contact.frame, speed, [&turn_a, &turn_b])
     })
 }
 
 /// Brings the elastic rows of every pair in touch up to date. Returns whether the operator of the last step holds these very rows.
-fn refresh_elastic_rows(out: &mut ContactProblem, contacts: &[Contact], pairs: &mut [Pair], bodies: &[BodyEntry], dt: Real) -> bool {
+fn refresh_elastic_rows(out: &mut ContactProblem, contacts: &[Contact], pairs: &[Pair], objects: &Objects, dt: Real) -> bool {
     let start = Instant::now();
-    // Rows of a pair that has lost touch are not those of the contacts that it may find later.
-    for (index, pair) in pairs.iter_mut().enumerate() {
-        if contacts.binary_search_by_key(&(index as u32), |contact| contact.pair).is_err() {
-            pair.elastic.forget();
-        }
-    }
+    let kept = &mut out.elastic_rows;
+    kept.iter_mut().for_each(|rows| rows.in_touch = false);
     let (mut same, mut patches) = (true, 0);
     for patch in contacts.chunk_by(|c, d| c.pair == d.pair) {
-        let pair = &mut pairs[patch[0].pair as usize];
-        let (entry_a, entry_b) = (&bodies[pair.a as usize], &bodies[pair.b as usize]);
-        let (Some(skin_a), Some(skin_b)) = (entry_a.active_skin(), entry_b.active_skin()) else { continue };
-        let axes_b = axes(entry_b);
-        let turn = axes(entry_a).transpose() * axes_b;
-        let shares = [skin_a, skin_b].map(|skin| 1.0 - skin.memory(dt));
-        if !pair.elastic.hold_for(patch, &turn, shares) {
+        let pair = &pairs[patch[0].pair as usize];
+        let [side_a, side_b] = pair.sides(objects);
+        let (Some(skin_a), Some(skin_b)) = (side_a.active_skin(), side_b.active_skin()) else { continue };
+        let skins = [skin_a, skin_b];
+        let axes_b = side_b.axes();
+        let turn = side_a.axes().transpose() * axes_b;
+        let sides = SideOperator::of(skins, dt);
+        let shares = sides.map(|side| side.share());
+        let origin = Origin { colliders: (pair.a, pair.b), revisions: skins.map(|skin| skin.compliance_revision), rigid_b: pair.rigid_b };
+        let place = kept.binary_search_by_key(&origin.colliders, |rows| rows.origin.colliders).unwrap_or_else(|place| {
+            kept.insert(place, ElasticRows::of(origin));
+            place
+        });
+        let rows = &mut kept[place];
+        rows.in_touch = true;
+        if !rows.hold_for(&origin, patch, &turn, shares) {
             out.serial += 1;
-            pair.elastic.start(patch, &turn, shares, out.serial);
-            out.elastic.fill_rows(&mut pair.elastic, patch, [skin_a, skin_b], &turn, &axes_b.transpose(), shares);
+            rows.start(origin, patch, &turn, shares, out.serial);
+            out.elastic.fill_rows(rows, patch, &sides, &turn, &axes_b.transpose());
         }
-        let serial = pair.elastic.serial();
+        let serial = rows.serial();
         if let Some(held) = out.held.get_mut(patches) {
             same &= std::mem::replace(held, serial) == serial;
         } else {
@@ -229,34 +297,50 @@ fn refresh_elastic_rows(out: &mut ContactProblem, contacts: &[Contact], pairs: &
     }
     same &= out.held.len() == patches;
     out.held.truncate(patches);
+    // Rows of a pair that has lost touch are not those of the contacts that it may find later; their memory is kept for as long as the pair is.
+    kept.retain_mut(|rows| {
+        if !rows.in_touch {
+            rows.forget();
+        }
+        rows.in_touch || pairs.binary_search_by_key(&rows.origin.colliders, |pair| (pair.a, pair.b)).is_ok()
+    });
     out.deform_time = start.elapsed();
     same
 }
 
-/// Rotation from the link that carries the surface to the world.
-fn axes(entry: &BodyEntry) -> Mat3 {
-    entry.body.link_pose(entry.skin_link).rotation.to_rotation_matrix().into_inner()
+/// Keeps the elements whose index `keep` accepts.
+pub(crate) fn retain_by_index<T>(list: &mut Vec<T>, keep: impl Fn(usize) -> bool) {
+    let mut index = 0;
+    list.retain(|_| {
+        index += 1;
+        keep(index - 1)
+    });
 }
 
-/// The reaction that a control point would have if it changed as it did in the last step.
-fn warm_start(pair: &Pair, control_point: usize) -> Vec3 {
-    let (last, trend) = (pair.reaction[control_point], pair.trend[control_point]);
-    if last.x + trend.x > 0.0 { last + trend } else { last }
+/// `frame D`, `D = diag(1, 1, mu_2/mu_1)`: the axes in which friction is a circle of `mu_1`, whatever its directions. With unknowns `D^-1 f` and displacements `D delta` the work
+/// of a force is what it was, and the solver knows one coefficient for each contact: see `docs/friction.md`. The contact frame itself where friction is isotropic.
+fn friction_axes(contact: &Contact) -> Mat3 {
+    let mut axes = contact.frame;
+    axes.column_mut(2).scale_mut(contact.friction_ratio);
+    axes
 }
 
-/// `J S` of one body at one contact, in the contact frame: its part of `W_rigid` is `(J S)(J S)^T` as `A^-1 = S S^T`. The sign makes relative displacement a - b.
-fn rigid_rows(contact: &Contact, body: u32, entry: &BodyEntry, free: &FreeMotion, sign: Real) -> (u32, Mat3x6) {
+/// `J S` of one body at one contact, in its friction axes: its part of `W_rigid` is `(J S)(J S)^T` as `A^-1 = S S^T`. The sign makes relative displacement a - b.
+fn rigid_rows(contact: &Contact, axes: &Mat3, side: Side<'_>, free: &[FreeMotion], sign: Real) -> (u32, Mat3x6) {
+    let body = side.collider.body;
+    let free = &free[body as usize];
     if free.dof == 0 {
         return (NO_BODY, Mat3x6::zeros());
     }
-    let jacobian = entry.body.point_jacobian(entry.skin_link, &contact.point);
-    (body, contact.frame.transpose() * jacobian * free.inverse_root * sign)
+    let jacobian = side.point_jacobian(&contact.point);
+    (body, axes.transpose() * jacobian * free.inverse_root * sign)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::body::{Amount, ComplianceModel, MassProperties, Material, Motion, RigidBody};
+    use crate::body::{Amount, MassProperties, Motion, RigidBody};
+    use crate::collider::{ComplianceModel, Material};
     use crate::math::Pose;
     use crate::surface::{ComplianceMatrix, Surface, shapes};
     use crate::{Parameters, World};
@@ -284,9 +368,9 @@ mod tests {
 
         // The same contacts, were the cube held fast.
         let held = vec![FreeMotion::none(); 2];
-        let World { workspace: ws, pairs, bodies, params, .. } = &mut world;
+        let World { workspace: ws, pairs, objects, params, .. } = &mut world;
         let (contacts, filled) = (&mut ws.collision.contacts, ws.problem.serial);
-        contact_problem(&mut ws.problem, contacts, pairs, bodies, &held, params.dt);
+        contact_problem(&mut ws.problem, contacts, pairs, objects, &held, params.dt);
         let left: Vec<u32> = contacts.iter().map(|contact| contact.control_point).collect();
         assert_eq!(left, all.iter().copied().filter(|&c| gives(c as usize)).collect::<Vec<_>>());
         assert_eq!((ws.problem.ill_posed, ws.problem.len()), (all.len() - left.len(), left.len()));

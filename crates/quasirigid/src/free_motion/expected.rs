@@ -1,15 +1,16 @@
 //! Where a body is expected to go in a step, in full and not to first order: what the equations of a pair are linearised about.
 
-use crate::body::rigid::displacement_between;
-use crate::body::{Body, BodyEntry, Mobility};
+use crate::body::pose::displacement_between;
+use crate::body::{Body, Mobility};
 use crate::math::{Real, Vec3, Vec6};
+use crate::objects::Side;
 
 /// Rotations (rad) below this are none: half their square, over any lever, is less than rounding.
 const NO_TURN: Real = 1e-8;
-/// Rotations (rad) above this in a step are no longer foretold from the last one.
-const MOST_FORETOLD: Real = 1.0;
+/// Rotations (rad) above this in a step are no longer predicted from the last one.
+const MOST_PREDICTED: Real = 1.0;
 
-/// The motion that the surface of a body is expected to make: `d(p) = shift + (R - 1)(p - origin)`, world axes.
+/// The motion that a collider is expected to make: `d(p) = shift + (R - 1)(p - origin)`, world axes.
 ///
 /// What is told is known: a fixed body on its way, the base of a finger. Joints and free bodies are taken to go on as in the last step; what they do differently is then
 /// in the equations to first order.
@@ -33,25 +34,24 @@ impl Expected {
         Self { leads: true, origin: Vec3::zeros(), shift: Vec3::zeros(), theta: Vec3::zeros(), joints: Vec6::zeros() }
     }
 
-    /// Of a body over a step of `dt` (s).
-    pub(super) fn of(entry: &BodyEntry, dt: Real) -> Self {
-        match &entry.body {
+    /// Of a collider over a step of `dt` (s).
+    pub(crate) fn of(side: Side<'_>, dt: Real) -> Self {
+        match &side.body.body {
             Body::Rigid(body) if body.mobility() == Mobility::Fixed => {
                 let (shift, theta) = body.prescribed_motion();
                 Self { origin: body.pose().translation.vector, shift, theta, ..Self::still() }
             }
             Body::Rigid(body) => {
-                let theta = foretold(body.state().angular_velocity * dt);
+                let theta = predicted(body.state().angular_velocity * dt);
                 Self { leads: false, origin: body.center_of_mass(), theta, ..Self::still() }
             }
             Body::Finger(finger) => {
-                let turned = finger.state().velocities * dt;
-                let joints = if turned.amax() > NO_TURN && turned.amax() < MOST_FORETOLD { turned } else { Vec6::zeros() };
-                let start = finger.link_pose(entry.skin_link);
+                let joints = joints(&side.body.body, dt);
+                let start = finger.link_pose(side.collider.link);
                 if finger.base_target().is_none() && joints == Vec6::zeros() {
                     return Self { origin: start.translation.vector, ..Self::still() };
                 }
-                let (shift, theta) = displacement_between(start, &finger.link_pose_after(entry.skin_link, &joints));
+                let (shift, theta) = displacement_between(start, &finger.link_pose_after(side.collider.link, &joints));
                 Self { origin: start.translation.vector, shift, theta, joints, ..Self::still() }
             }
         }
@@ -63,8 +63,19 @@ impl Expected {
     }
 }
 
+/// Displacements of the joints of a body if they go on as in the last step of `dt` (s), rad.
+pub(super) fn joints(body: &Body, dt: Real) -> Vec6 {
+    match body {
+        Body::Rigid(_) => Vec6::zeros(),
+        Body::Finger(finger) => {
+            let turned = finger.state().velocities * dt;
+            if turned.amax() > NO_TURN && turned.amax() < MOST_PREDICTED { turned } else { Vec6::zeros() }
+        }
+    }
+}
+
 /// A rotation that is like that of the last step.
-fn foretold(theta: Vec3) -> Vec3 {
+fn predicted(theta: Vec3) -> Vec3 {
     let angle = theta.amax();
-    if angle > NO_TURN && angle < MOST_FORETOLD { theta } else { Vec3::zeros() }
+    if angle > NO_TURN && angle < MOST_PREDICTED { theta } else { Vec3::zeros() }
 }

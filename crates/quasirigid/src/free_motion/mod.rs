@@ -9,16 +9,19 @@
 //! with dx the generalised displacement, M inertia, B viscosity, K_s and D_s stiffness and damping of what drives the body, g
 //! everything known at the start of the step, f the contact forces. A, g and J are taken at the start of the step.
 
+mod articulation;
+mod at_point;
 mod expected;
-mod finger;
 mod rigid;
 
+pub(crate) use at_point::{free_displacement, unexpected_displacement};
 pub use expected::Expected;
 
 use crate::body::{Body, BodyEntry, JointStop};
 use crate::error::{Result, check_finite, check_positive};
 use crate::math::{MAX_DOF, Mat6, Real, Vec3, Vec6};
 use crate::params::{ABSURD_DISPLACEMENT, Parameters};
+use crate::slots::Slots;
 
 /// What all bodies of a step share.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,10 +68,10 @@ pub struct FreeMotion {
     pub motor_slope: Vec6,
     /// Joints held at a stop in this step.
     pub stops: [JointStop; MAX_DOF],
-    /// Where its surface is expected to go; set by [`free_motions`].
-    pub expected: Expected,
-    /// The body went bad in this step, and was set aside: its motion would be non-finite or absurd.
-    pub set_aside: bool,
+    /// Displacements of the joints that are expected in this step, rad, see [`Expected::joints`]; zero for rigid bodies. Set by [`free_motions`].
+    pub expected_joints: Vec6,
+    /// The body went bad in this step, and was quarantined: its motion would be non-finite or absurd.
+    pub quarantined: bool,
 }
 
 impl FreeMotion {
@@ -83,8 +86,8 @@ impl FreeMotion {
             motor_torque: Vec6::zeros(),
             motor_slope: Vec6::zeros(),
             stops: [JointStop::None; MAX_DOF],
-            expected: Expected::still(),
-            set_aside: false,
+            expected_joints: Vec6::zeros(),
+            quarantined: false,
         }
     }
 
@@ -94,21 +97,19 @@ impl FreeMotion {
     }
 }
 
-/// The free motion of all bodies over a step; quarantined ones do not move. A body whose motion is not finite, or absurd, is quarantined here: let into
+/// The free motion of all bodies over a step, by slot; quarantined ones do not move. A body whose motion is not finite, or absurd, is quarantined here: let into
 /// the contact problem it would spoil the step of all that it touches.
-pub fn free_motions(bodies: &mut [BodyEntry], context: &StepContext, out: &mut Vec<FreeMotion>) {
+pub fn free_motions(bodies: &mut Slots<BodyEntry>, context: &StepContext, out: &mut Vec<FreeMotion>) {
     out.clear();
-    out.extend(bodies.iter_mut().map(|entry| {
-        if entry.quarantined {
-            return FreeMotion::none();
-        }
+    out.extend(bodies.all_slots_mut().map(|entry| {
+        let Some(entry) = entry.filter(|entry| !entry.quarantined) else { return FreeMotion::none() };
         let mut free = free_motion(&entry.body, context);
-        let told = entry.body.prescribed_displacement(&entry.body.link_pose(entry.skin_link).translation.vector);
+        let told = entry.body.prescribed_displacement(&entry.body.link_pose(entry.body.link_count() - 1).translation.vector);
         if !(is_sound(&free.displacement) && told.amax() <= ABSURD_DISPLACEMENT) {
             entry.quarantined = true;
-            return FreeMotion { set_aside: true, ..FreeMotion::none() };
+            return FreeMotion { quarantined: true, ..FreeMotion::none() };
         }
-        free.expected = Expected::of(entry, context.dt);
+        free.expected_joints = expected::joints(&entry.body, context.dt);
         free
     }));
 }
@@ -122,7 +123,7 @@ pub(crate) fn is_sound(displacement: &Vec6) -> bool {
 pub fn free_motion(body: &Body, context: &StepContext) -> FreeMotion {
     match body {
         Body::Rigid(body) => rigid::free_motion(body, context),
-        Body::Finger(finger) => finger::free_motion(finger, context),
+        Body::Finger(finger) => articulation::free_motion(finger, context),
     }
 }
 

@@ -1,6 +1,7 @@
 //! Free motion of a rigid body.
 
 use super::{FreeMotion, StepContext, inverse_root};
+use crate::body::drive::DrivenBody;
 use crate::body::{Mobility, Motion, RigidBody};
 use crate::math::{MAX_DOF, Mat3, Mat6, Vec3, Vec6};
 
@@ -42,7 +43,13 @@ pub(super) fn free_motion(body: &RigidBody, context: &StepContext) -> FreeMotion
     g.fixed_rows_mut::<3>(0).copy_from(&push);
     g.fixed_rows_mut::<3>(3).copy_from(&turn);
     if let Some(drive) = body.drive() {
-        drive.add_to(body.pose(), body.mass_properties().center_of_mass(), dt, &mut matrix, &mut g);
+        let driven = DrivenBody {
+            pose: *body.pose(),
+            center_of_mass: *body.mass_properties().center_of_mass(),
+            linear_velocity: *body.linear_velocity(),
+            angular_velocity: body.angular_velocity(),
+        };
+        drive.add_to(&driven, dt, &mut matrix, &mut g);
     }
 
     let root = inverse_root(&matrix, &[true; MAX_DOF]);

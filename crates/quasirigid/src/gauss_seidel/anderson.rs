@@ -26,7 +26,7 @@ type Small = [Real; DEPTH];
 
 /// The last few sweeps.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Anderson {
+pub(crate) struct Anderson {
     /// `dr_k`, N: slot after slot of `n` vectors.
     residual_changes: Vec<Vec3>,
     /// `dg_k`, N: slot after slot of `n` vectors.
@@ -44,7 +44,7 @@ pub(super) struct Anderson {
 
 impl Anderson {
     /// Makes room for `n` contacts.
-    pub(super) fn reserve(&mut self, n: usize) {
+    pub(crate) fn reserve(&mut self, n: usize) {
         if self.last_image.len() < n {
             for slots in [&mut self.residual_changes, &mut self.image_changes] {
                 slots.resize(DEPTH * n, Vec3::zeros());
@@ -55,18 +55,18 @@ impl Anderson {
     }
 
     /// Forgets all sweeps.
-    pub(super) fn restart(&mut self) {
+    pub(crate) fn restart(&mut self) {
         (self.used, self.next, self.started) = (0, 0, false);
     }
 
     /// What the last sweep gave, before it was extrapolated, N.
-    pub(super) fn last_image(&self, n: usize) -> &[Vec3] {
+    pub(crate) fn last_image(&self, n: usize) -> &[Vec3] {
         &self.last_image[..n]
     }
 
     /// `before` went into a sweep and `f` came out of it. Extrapolates `f` (N) if there is enough to go by, and says whether it did. `feasible` puts the reaction of a
     /// contact back to where it may be.
-    pub(super) fn extrapolate(&mut self, before: &[Vec3], f: &mut [Vec3], feasible: impl Fn(usize, &Vec3) -> Vec3) -> bool {
+    pub(crate) fn extrapolate(&mut self, before: &[Vec3], f: &mut [Vec3], feasible: impl Fn(usize, &Vec3) -> Vec3) -> bool {
         let first = !self.started;
         if !first {
             self.remember_change(before, f);

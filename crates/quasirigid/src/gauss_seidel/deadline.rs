@@ -1,23 +1,23 @@
 //! When to stop early: a time budget, and somebody who asks for it.
 
-use super::parameters::Stop;
+use super::Stop;
 use std::time::{Duration, Instant};
 
 /// Asked between any two pieces of work of the solver that take more than a fraction of a millisecond.
 #[derive(Clone, Copy)]
-pub(super) struct Deadline<'a> {
+pub(crate) struct Deadline<'a> {
     at: Option<Instant>,
     interrupted: Option<&'a dyn Fn() -> bool>,
 }
 
 impl<'a> Deadline<'a> {
     /// `budget` counts from now. A budget too long for the clock is none.
-    pub(super) fn new(budget: Option<Duration>, interrupted: Option<&'a dyn Fn() -> bool>) -> Self {
+    pub(crate) fn new(budget: Option<Duration>, interrupted: Option<&'a dyn Fn() -> bool>) -> Self {
         Self { at: budget.and_then(|budget| Instant::now().checked_add(budget)), interrupted }
     }
 
     /// Why to stop now, if so.
-    pub(super) fn reason(&self) -> Option<Stop> {
+    pub(crate) fn reason(&self) -> Option<Stop> {
         if self.at.is_some_and(|at| Instant::now() >= at) {
             Some(Stop::TimeBudget)
         } else if self.interrupted.is_some_and(|interrupted| interrupted()) {
@@ -28,7 +28,7 @@ impl<'a> Deadline<'a> {
     }
 
     /// Whether to stop now.
-    pub(super) fn passed(&self) -> bool {
+    pub(crate) fn passed(&self) -> bool {
         self.reason().is_some()
     }
 }

@@ -1,6 +1,6 @@
 //! A damped Newton step, for problems on which sweeps crawl: a rigid box on a hundred support points, a stack, a wedge.
 //!
-//! Let `S_i(b_i)` be the exact solution of contact `i` ([`super::ContactBlock::solve`]) for the displacement `b_i = delta_i - W_ii f_i` that the others leave it.
+//! Let `S_i(b_i)` be the exact solution of contact `i` ([`crate::delassus::ContactBlock::solve`]) for the displacement `b_i = delta_i - W_ii f_i` that the others leave it.
 //! The solution of the whole problem is the root of
 //!
 //! ```text
@@ -22,9 +22,7 @@
 //! Second, forces may leave their cones on the way. Projecting them back after each step would push the bodies about, each contact a little,
 //! by far more than the step had gained; the natural map measures the violation instead, and a last sweep puts everything exactly into the cones.
 
-use super::contact_solve::ContactStatus;
-use super::delassus::Delassus;
-use super::residual::{natural_map, relative};
+use crate::delassus::{Delassus, natural_map, relative, slope};
 use crate::math::{Mat3, Real, Vec3};
 
 /// Krylov vectors at most per step: memory of 40 times the reactions. A step that would need more is cut short, which the damping makes up for.
@@ -51,7 +49,7 @@ const LENGTHS: [Real; 5] = [1.0, 0.5, 0.25, 0.1, 0.03];
 
 /// Scratch and damping of a run of steps.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Newton {
+pub(crate) struct Newton {
     /// Krylov basis, vector after vector of `n`.
     basis: Vec<Vec3>,
     /// `T_i`, N/m.
@@ -62,12 +60,12 @@ pub(super) struct Newton {
     before: Vec<Vec3>,
     damping: Real,
     /// Whether [`Delassus::solve_directly`] is asked before GMRES.
-    pub(super) direct: bool,
+    pub(crate) direct: bool,
 }
 
 impl Newton {
     /// Makes room for `n` contacts.
-    pub(super) fn reserve(&mut self, n: usize) {
+    pub(crate) fn reserve(&mut self, n: usize) {
         if self.step.len() < n {
             self.basis.resize((DEPTH + 1) * n, Vec3::zeros());
             self.slopes.resize(n, Mat3::zeros());
@@ -77,13 +75,13 @@ impl Newton {
     }
 
     /// Begins a run of steps from forces with this residual, no unit.
-    pub(super) fn restart(&mut self, residual: Real) {
+    pub(crate) fn restart(&mut self, residual: Real) {
         self.damping = if self.direct { FULL_DAMPING } else { (FIRST_DAMPING * residual).clamp(LEAST_DAMPING, FULL_DAMPING) };
     }
 
     /// One step. `f` (N) moves, not necessarily within the cones; `w` holds it on entry and on return. `late` is asked after every product and ends the search early.
     /// A step to forces larger than `limit` (N, norm of all) is not taken.
-    pub(super) fn advance<W: Delassus>(
+    pub(crate) fn advance<W: Delassus>(
         &mut self,
         w: &mut W,
         delta_free: &[Vec3],
@@ -209,48 +207,9 @@ impl Newton {
     }
 }
 
-/// `T = -dS/db` (N/m) of one contact with block `w`, at displacement `b` (m) and its solution `f` (N).
-///
-/// Open: 0. Stick: `W^-1`. Slip: the equations `W f + s P f + b = 0`, with `P` the tangential part and `s` the slip per friction, and `|f_t|^2 = mu^2 f_n^2`,
-/// differentiated: with `M = W + s P`, `u = M^-1 (0, f_t)` and `v = (-mu^2 f_n, f_t)`,
-///
-/// ```text
-/// M df + (0, f_t) ds = -db,   v . df = 0      =>      T = M^-1 - u (M^-1 v)^T / (v . u)
-/// ```
-///
-/// With a drag `d` (N/m) the last equation is `(1 - d s) |f_t| = mu f_n`: `v = (-mu |f_t|, (1 - d s) f_t)`, and `d |f_t|^2` is added to `v . u`. Where drag holds the contact
-/// at `f_n = 0` it is `f_n = 0`: `v = (1, 0)`.
-pub(super) fn slope(w: &Mat3, b: &Vec3, mu: Real, drag: Real, f: &Vec3, status: ContactStatus) -> Mat3 {
-    match status {
-        ContactStatus::Open => Mat3::zeros(),
-        ContactStatus::Stick => w.try_inverse().unwrap_or_else(Mat3::zeros),
-        ContactStatus::Slip if mu == 0.0 && drag == 0.0 => Mat3::from_diagonal(&Vec3::new(1.0 / w[(0, 0)], 0.0, 0.0)),
-        ContactStatus::Slip => {
-            let delta = w * f + b;
-            let friction = Vec3::new(0.0, f.y, f.z);
-            let s = (-delta.dot(&friction) / friction.norm_squared()).max(0.0);
-            let Some(inverse) = (w + Mat3::from_diagonal(&Vec3::new(0.0, s, s))).try_inverse() else {
-                return Mat3::zeros();
-            };
-            let u = inverse * friction;
-            let v = if drag > 0.0 && f.x == 0.0 {
-                Vec3::x()
-            } else if drag > 0.0 {
-                let grip = (1.0 - drag * s).max(0.0);
-                Vec3::new(-mu * friction.norm(), grip * f.y, grip * f.z)
-            } else {
-                Vec3::new(-mu * mu * f.x, f.y, f.z)
-            };
-            let stiffened = if drag > 0.0 && f.x != 0.0 { drag * friction.norm_squared() } else { 0.0 };
-            let turn = v.dot(&u) + stiffened;
-            if turn == 0.0 { inverse } else { inverse - u * (inverse * v).transpose() / turn }
-        }
-    }
-}
-
 /// Natural-map residual of `f`, which `w` holds, for contacts softened by the share `damping` about the forces `centre`.
 /// With `damping` 0 the residual of the problem itself.
-pub(super) fn residual_about<W: Delassus>(w: &W, delta_free: &[Vec3], mu: &[Real], f: &[Vec3], damping: Real, centre: &[Vec3]) -> Real {
+pub(crate) fn residual_about<W: Delassus>(w: &W, delta_free: &[Vec3], mu: &[Real], f: &[Vec3], damping: Real, centre: &[Vec3]) -> Real {
     let (mut error, mut force) = (0.0, 0.0);
     for i in 0..f.len() {
         let block = w.diagonal_block(i);
@@ -275,37 +234,5 @@ fn norm(x: &[Vec3]) -> Real {
 fn scale(x: &mut [Vec3], factor: Real) {
     for x in x {
         *x *= factor;
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::contact_solve::ContactBlock;
-    use super::*;
-    use proptest::prelude::*;
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(500))]
-
-        #[test]
-        fn slope_is_the_derivative_of_the_local_solve(
-            d in prop::array::uniform3(0.5..2.0f64), c in prop::array::uniform3(-0.3..0.3f64),
-            b in prop::array::uniform3(-1.0..1.0f64), db in prop::array::uniform3(-1.0..1.0f64), mu in prop_oneof![Just(0.0), 0.1..0.9f64],
-            drag in prop_oneof![Just(0.0), 0.1..5.0f64],
-        ) {
-            let w = Mat3::new(d[0], c[0], c[1], c[0], d[1], c[2], c[1], c[2], d[2]);
-            let (b, db) = (Vec3::from(b), Vec3::from(db) * 1e-6);
-            let Some(mut block) = ContactBlock::new(&w) else { return Ok(()) };
-            block.set_drag(drag);
-            let (f, status) = block.solve(&b, mu);
-            let (after, status_after) = block.solve(&(b + db), mu);
-            let (before, status_before) = block.solve(&(b - db), mu);
-            // At a kink there is no derivative; far from the apex only, where the curvature is bounded.
-            if status != status_after || status != status_before || (f.x < 0.05 && status != ContactStatus::Open) {
-                return Ok(());
-            }
-            let error = (slope(&w, &b, mu, drag, &f, status) * db * 2.0 + (after - before)).norm() / db.norm();
-            prop_assert!(error < 1e-6, "{status:?}: {error:e}");
-        }
     }
 }

@@ -1,14 +1,15 @@
 //! What the solver is asked for, what it reports, and the check of a problem that comes from outside.
 
+use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 use crate::error::{Error, Result, check_finite, check_non_negative, check_positive};
 use crate::math::{Real, Vec3};
 
 /// When to stop.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SolverParameters {
-    /// Residual asked for, no unit (see [`super::natural_map_residual`]). Default 1e-8.
+    /// Residual asked for, no unit (see [`crate::delassus::natural_map_residual`]). Default 1e-8.
     /// Larger: fewer sweeps, but a held object settles over several steps and shakes by that share of the contact forces. Below about
     /// 1e-13 rounding is in the way and every solve ends at the cap.
     pub tolerance: Real,
@@ -24,23 +25,23 @@ pub struct SolverParameters {
     pub measure: Measure,
     /// Whether the warm start is a forecast of reactions that change: then it need not be improved beyond a tenth of the tolerance. Default false: one of
     /// something at rest is always improved a hundredfold, so that what is held does not creep by the tolerance. A step sets it by what it sees.
-    pub foretold: bool,
+    pub predicted: bool,
 }
 
 impl Default for SolverParameters {
     fn default() -> Self {
-        Self { tolerance: 1e-8, max_sweeps: 1000, min_sweeps: 2, time_budget: None, measure: Measure::UnitFree, foretold: false }
+        Self { tolerance: 1e-8, max_sweeps: 1000, min_sweeps: 2, time_budget: None, measure: Measure::UnitFree, predicted: false }
     }
 }
 
 /// Which of the two residuals the solver is asked to bring down.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Measure {
-    /// [`super::natural_map_residual`]: no unit, each contact judged by its own stiffness. What a step uses.
+    /// [`crate::delassus::natural_map_residual`]: no unit, each contact judged by its own stiffness. What a step uses.
     #[default]
     UnitFree,
-    /// [`super::residual_as_given`]: the numbers as they are, whatever their units. What the literature of the problem uses, and
-    /// [`super::solve_system`] for problems from elsewhere.
+    /// [`crate::delassus::residual_as_given`]: the numbers as they are, whatever their units. What the literature of the problem uses, and
+    /// [`crate::solve_system::solve_system`] for problems from elsewhere.
     AsGiven,
 }
 
@@ -64,15 +65,18 @@ impl SolverParameters {
 }
 
 /// Why the solver stopped.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Stop {
     /// The residual is within the tolerance, and the errors are small beside `delta_free` too.
     Converged,
     /// `max_sweeps` were done.
     SweepCap,
+    /// Nothing that was tried made the reactions better, and sweeps were left: there is no solution, or rounding is in the way. Only
+    /// [`super::solve_system`] says so; a step goes on to its cap.
+    Stagnated,
     /// `time_budget` was used up.
     TimeBudget,
-    /// The caller wanted it to stop ([`super::solve_system_until`]).
+    /// The caller wanted it to stop ([`crate::solve_system::solve_system_until`]).
     Interrupted,
     /// A NaN or infinity came up. All reactions are zero and the residual is infinite.
     NonFinite,
@@ -98,7 +102,7 @@ pub struct SolveReport {
     pub stop: Stop,
 }
 
-/// Checks a problem from outside before [`super::solve`]: lengths, finite displacements (m), friction coefficients not negative.
+/// Checks a problem from outside before [`crate::gauss_seidel::solve`]: lengths, finite displacements (m), friction coefficients not negative.
 ///
 /// # Errors
 /// `InvalidShape` if a length is not `contacts`, `InvalidValue` for a bad number.

@@ -3,9 +3,9 @@
 //! A sweep visits the contacts in order and solves each exactly against the newest reactions of all others. It never leaves the cones, needs no step
 //! length, and on a warm start of a resting grasp one is enough. Cost: one row of `W` per contact, and nothing more where the contact is and stays open.
 //!
-//! From sweep [`PLAIN_SWEEPS`] on, the sweeps are extrapolated ([`super::anderson`]); an extrapolation after which a sweep has to change more than twice as much as
+//! From sweep [`PLAIN_SWEEPS`] on, the sweeps are extrapolated ([`crate::gauss_seidel::anderson`]); an extrapolation after which a sweep has to change more than twice as much as
 //! before is taken back. After [`PATIENCE`] sweeps the problem is one of those where reactions wander from contact to contact, and Newton steps take over
-//! ([`super::newton`]), closed by one last sweep.
+//! ([`crate::gauss_seidel::newton`]), closed by one last sweep.
 //!
 //! What was tried, sweeps from cold to 1e-8, 164 contacts on three pads (`tests/common/problems.rs`):
 //!
@@ -19,12 +19,10 @@
 //! Sweeps in alternating direction lose to sweeps in one direction everywhere. `docs/solver.md` has the rest of the figures.
 
 use super::anderson::Anderson;
-use super::contact_solve::ContactStatus;
 use super::deadline::Deadline;
-use super::delassus::Delassus;
 use super::newton::{Newton, residual_about};
-use super::parameters::{Measure, SolveReport, SolverParameters, Stop};
-use super::residual::{AsGiven, relative};
+use super::{Measure, SolveReport, SolverParameters, Stop};
+use crate::delassus::{AsGiven, ContactStatus, Delassus, relative};
 use crate::math::{Real, Vec3};
 
 /// Sweeps before acceleration begins. The first ones find out which contacts are open, stick and slip; until that settles there is no straight line to
@@ -67,7 +65,7 @@ const SETBACK: Real = 2.0;
 
 /// Converged means also that the errors are below this share of the forces that would undo `delta_free` contact by contact. Where there is no solution,
 /// such as a rigid block in a rigid gap that is too narrow, forces grow without end, and errors become small in comparison with them alone.
-pub(super) const WORST_ERROR: Real = 1e-2;
+pub(crate) const WORST_ERROR: Real = 1e-2;
 
 /// Forces this many times larger than those that would undo `delta_free` contact by contact are not extrapolated to: there is no solution that way.
 const LARGEST_FORCE: Real = 1e8;
@@ -101,7 +99,7 @@ impl Scratch {
 /// much as a sweep.
 ///
 /// # Panics
-/// If the arrays do not have one entry per contact of `w` (checked by [`super::check_problem`]).
+/// If the arrays do not have one entry per contact of `w` (checked by [`crate::gauss_seidel::check_problem`]).
 pub fn solve<W: Delassus>(
     w: &mut W,
     delta_free: &[Vec3],
@@ -115,7 +113,7 @@ pub fn solve<W: Delassus>(
 }
 
 /// One call of [`solve`] under way.
-pub(super) struct Run<'a, W> {
+pub(crate) struct Run<'a, W> {
     w: &'a mut W,
     delta_free: &'a [Vec3],
     mu: &'a [Real],
@@ -133,7 +131,7 @@ pub(super) struct Run<'a, W> {
 
 impl<'a, W: Delassus> Run<'a, W> {
     /// What [`solve`] is given, with a deadline in place of the time budget of the parameters.
-    pub(super) fn start(
+    pub(crate) fn start(
         w: &'a mut W,
         delta_free: &'a [Vec3],
         mu: &'a [Real],
@@ -157,7 +155,7 @@ impl<'a, W: Delassus> Run<'a, W> {
     }
 
     /// Sweeps, and Newton steps if those are not enough.
-    pub(super) fn finish(mut self, scratch: &mut Scratch) -> SolveReport {
+    pub(crate) fn finish(mut self, scratch: &mut Scratch) -> SolveReport {
         scratch.reserve(self.f.len());
         self.sweep_until_patience_ends(scratch).unwrap_or_else(|| self.step_until_done(scratch))
     }
@@ -202,7 +200,7 @@ impl<'a, W: Delassus> Run<'a, W> {
             }
             // A problem from elsewhere has no next step that could creep.
             if self.sweeps == 1 && change > FINEST && self.parameters.measure == Measure::UnitFree {
-                let enough = if self.parameters.foretold { WELL_BELOW * tolerance } else { 0.0 };
+                let enough = if self.parameters.predicted { WELL_BELOW * tolerance } else { 0.0 };
                 aim = (IMPROVEMENT * change).clamp(enough, tolerance);
             }
             let hurried = self.parameters.measure == Measure::UnitFree && self.sweeps < HURRIED_SWEEPS;
@@ -215,7 +213,7 @@ impl<'a, W: Delassus> Run<'a, W> {
                 if self.converged(residual) {
                     let since = *good_since.get_or_insert(self.sweeps);
                     let refined = self.sweeps >= since + REFINEMENT;
-                    let enough = if self.parameters.foretold { tolerance } else { SETTLED * tolerance };
+                    let enough = if self.parameters.predicted { tolerance } else { SETTLED * tolerance };
                     // Newton steps need a sweep before and one after them.
                     let last_chance = out_of_time.is_some() || self.out_of_time(3).is_some();
                     if residual <= aim || refined && (residual <= enough || last_chance) || out_of_time.is_some() {
@@ -271,7 +269,7 @@ impl<'a, W: Delassus> Run<'a, W> {
                 self.newton_steps += 1;
                 self.sweeps += 1;
             }
-            let out_of_time = self.out_of_time(1).or(given_up.then_some(Stop::SweepCap));
+            let out_of_time = self.out_of_time(1).or(given_up.then_some(Stop::Stagnated));
             if out_of_time.is_some() || self.residual() <= 0.5 * tolerance {
                 if !self.sweep().is_finite() {
                     return self.give_up();
@@ -336,7 +334,7 @@ impl<'a, W: Delassus> Run<'a, W> {
         }
     }
 
-    /// [`super::natural_map_residual`] of the reactions that `w` holds.
+    /// [`crate::delassus::natural_map_residual`] of the reactions that `w` holds.
     fn unit_free_residual(&self) -> Real {
         residual_about(self.w, self.delta_free, self.mu, self.f, 0.0, &[])
     }
@@ -379,7 +377,7 @@ impl<'a, W: Delassus> Run<'a, W> {
 }
 
 /// Sets the statuses from the reactions alone.
-pub(super) fn name_statuses(f: &[Vec3], mu: &[Real], status: &mut [ContactStatus]) {
+pub(crate) fn name_statuses(f: &[Vec3], mu: &[Real], status: &mut [ContactStatus]) {
     for ((status, f), mu) in status.iter_mut().zip(f).zip(mu) {
         *status = match f.y.hypot(f.z) {
             _ if f.x == 0.0 => ContactStatus::Open,

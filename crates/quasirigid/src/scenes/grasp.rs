@@ -1,12 +1,13 @@
 //! The paper's scene (design section 6): a box of 36,000 points on a support, three fingers of 4 joints with tips of 2,400 points above it.
 
-use crate::body::{Amount, HandModel, MassProperties, Material, Motion, RigidBody};
+use crate::body::{Amount, HandModel, MassProperties, Motion, RigidBody};
+use crate::collider::Material;
+use crate::control::grip::{Grip, GripState, PadPath};
 use crate::error::Result;
-use crate::grip::{Grip, GripState, PadPath};
 use crate::math::{Pose, Real, Vec3};
 use crate::params::Parameters;
 use crate::surface::{Surface, shapes};
-use crate::world::{BodyHandle, HandHandle, World};
+use crate::world::{BodyHandle, HandHandle, Pads, World};
 use std::sync::Arc;
 
 /// What is grasped, and how.
@@ -46,7 +47,7 @@ impl Default for GraspOptions {
             pad_material: material("fingertip_pulp"),
             squeeze: 4.0,
             object_points: (36_000, 4_800),
-            pad_points: (2_400, 320),
+            pad_points: (Pads::POINTS, Pads::CONTROL_POINTS),
         }
     }
 }
@@ -91,13 +92,12 @@ impl GraspScene {
 
         let model = HandModel::three_finger()?;
         let base = Pose::translation(0.0, 0.0, 0.5 * size.z + PAD_DEPTH);
-        let pad = shapes::sample_fingertip(model.tips()[0].pad_semi_axes, options.pad_points.0)?;
-        let hand = world.add_hand(&model, base, Motion::Inertial, &pad, Some(options.pad_points.1), &options.pad_material)?;
+        let (points, control_points) = options.pad_points;
+        let pads = Pads { points, control_points, material: options.pad_material.clone() };
+        let hand = world.add_hand_with_pads(&model, base, Motion::Inertial, &pads)?;
         let paths: Vec<PadPath> = model
-            .fingers()
-            .iter()
-            .map(|finger| {
-                let knuckle = finger.base().translation.vector;
+            .knuckles()
+            .map(|knuckle| {
                 let side = knuckle.x.signum();
                 let start = Vec3::new(side * (0.5 * size.x + CLEARANCE), knuckle.y, -PAD_DEPTH);
                 PadPath { start, direction: Vec3::x() * -side, share: if side < 0.0 { 1.0 } else { 0.5 } }

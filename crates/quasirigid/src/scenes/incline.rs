@@ -1,6 +1,7 @@
 //! A block on a plane that is tilted by turning gravity.
 
-use crate::body::{Amount, Friction, MassProperties, Material, Motion, RigidBody};
+use crate::body::{Amount, MassProperties, Motion, RigidBody};
+use crate::collider::{Friction, Material};
 use crate::error::Result;
 use crate::math::{Pose, Real, Vec3};
 use crate::params::Parameters;

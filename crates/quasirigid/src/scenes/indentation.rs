@@ -1,6 +1,7 @@
 //! A ball pressed on a flat: the scene of Hertz, Cattaneo, Mindlin and Lubkin, whose answers are known in closed form.
 
-use crate::body::{Amount, MassProperties, Material, Motion, PoseDrive, RigidBody};
+use crate::body::{Amount, MassProperties, Motion, PoseDrive, RigidBody};
+use crate::collider::Material;
 use crate::error::{Result, check_positive};
 use crate::math::{Pose, Real, Rot, Vec3};
 use crate::params::Parameters;
@@ -93,7 +94,7 @@ impl Indentation {
     /// # Errors
     /// [`crate::Error::InvalidHandle`] if the ball was removed.
     pub fn moment(&self) -> Result<Real> {
-        let ball = self.world.dense(self.ball)? as u32;
+        let ball = self.ball.slot();
         let axis = self.world.body(self.ball)?.pose().translation.vector;
         let moments = self.world.contacts().iter().zip(&self.world.contact_problem().reactions).map(|(contact, f)| {
             let sign = if contact.body_a == ball { 1.0 } else { -1.0 };

@@ -1,6 +1,7 @@
 //! A box between two soft pads that face each other along x: the smallest grasp there is.
 
-use crate::body::{Amount, MassProperties, Material, Motion, RigidBody};
+use crate::body::{Amount, MassProperties, Motion, RigidBody};
+use crate::collider::Material;
 use crate::error::Result;
 use crate::math::{Pose, Real, Vec3};
 use crate::params::Parameters;

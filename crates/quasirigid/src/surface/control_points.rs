@@ -1,12 +1,14 @@
 //! Control points: one for each leaf of the sphere tree, its centre projected on the surface. They carry the compliance.
 
+use crate::interrupt::Interrupt;
 use crate::math::{Real, Vec3, any_perpendicular};
-use crate::surface::kernel::{Kernel, exp_minus};
-use crate::surface::lane::{LANES, Lane};
-use crate::surface::moving_least_squares::{Cloud, project};
-use crate::surface::neighbours::NeighbourGrid;
+use crate::surface::implicit::kernel::{Kernel, exp_minus};
+use crate::surface::implicit::{Cloud, project};
+use crate::surface::search::lane::{LANES, Lane};
+use crate::surface::search::neighbours::NeighbourGrid;
 use crate::surface::sphere_tree::SphereTree;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 use std::ops::Range;
 
@@ -49,7 +51,8 @@ pub struct ControlPoints {
 }
 
 /// Weights of one interpolation (eq. 8): `u(x) = sum w_k u_k`, the weights adding up to 1.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[serde(try_from = "Vec<(u32, Real)>", into = "Vec<(u32, Real)>")]
 pub struct Weights {
     /// Number of entries in use.
     pub len: usize,
@@ -57,6 +60,27 @@ pub struct Weights {
     pub index: [u32; MAX_WEIGHTS],
     /// Their weights.
     pub weight: [Real; MAX_WEIGHTS],
+}
+
+impl From<Weights> for Vec<(u32, Real)> {
+    fn from(weights: Weights) -> Self {
+        weights.iter().map(|(control_point, weight)| (control_point as u32, weight)).collect()
+    }
+}
+
+impl TryFrom<Vec<(u32, Real)>> for Weights {
+    type Error = String;
+
+    fn try_from(entries: Vec<(u32, Real)>) -> Result<Self, String> {
+        if entries.len() > MAX_WEIGHTS {
+            return Err(format!("{} weights, more than {MAX_WEIGHTS}", entries.len()));
+        }
+        let mut weights = Self { len: entries.len(), ..Self::none() };
+        for (k, (control_point, weight)) in entries.into_iter().enumerate() {
+            (weights.index[k], weights.weight[k]) = (control_point, weight);
+        }
+        Ok(weights)
+    }
 }
 
 impl Weights {
@@ -101,10 +125,14 @@ impl ControlPoints {
         normals: &[Vec3],
         kernel: &Kernel,
         border: impl Fn(usize, &mut Vec<Range<u32>>) + Sync,
+        interrupt: &Interrupt,
     ) -> Self {
         let tolerance = ON_SURFACE * kernel.bandwidth();
         let on_surface = |ranges: &mut Vec<Range<u32>>, leaf: usize| {
             let node = tree.leaf(leaf);
+            if interrupt.raised() {
+                return (node.center, node.mean_normal);
+            }
             ranges.clear();
             border(leaf, ranges);
             let nearest = node

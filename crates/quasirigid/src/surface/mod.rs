@@ -1,31 +1,23 @@
 //! Point surfaces: sampled shapes, neighbours, normals and areas, the smooth surface through the points, and what contact needs on top:
 //! sphere tree, control points, compliance.
 
-pub mod areas;
-mod candidates;
-mod cells;
 pub mod compliance;
-pub mod compliance_matrix;
 pub mod control_points;
-pub mod eigenvector;
-pub mod kernel;
-mod lane;
-mod local_fit;
-pub mod moving_least_squares;
-pub(crate) mod nearest;
-pub mod neighbours;
-pub mod normals;
-pub mod point_surface;
-pub mod shapes;
+pub mod implicit;
+pub mod sampling;
+pub mod search;
 pub mod sphere_tree;
 pub mod surface_model;
+pub mod surface_source;
 
-pub use compliance::{Compliance, HalfSpaceCompliance, Loaded, LocalCompliance};
-pub use compliance_matrix::ComplianceMatrix;
+pub use compliance::{Compliance, ComplianceMatrix, HalfSpaceCompliance, Loaded, LocalCompliance};
 pub use control_points::{ControlPoints, Weights};
-pub use kernel::Kernel;
-pub use moving_least_squares::Projection;
-pub use neighbours::NeighbourGrid;
-pub use point_surface::PointSurface;
+pub use implicit::{Kernel, Projection};
+pub use sampling::cloud::{Screened, screen_cloud};
+pub use sampling::findings::{Findings, NormalsFound};
+pub use sampling::memory::check_memory;
+pub use sampling::{PointSurface, shapes};
+pub use search::NeighbourGrid;
 pub use sphere_tree::SphereTree;
 pub use surface_model::Surface;
+pub use surface_source::SurfaceSource;

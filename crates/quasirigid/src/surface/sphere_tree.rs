@@ -8,8 +8,9 @@
 //! Nodes are stored breadth-first (a parent before its children), so that a bottom-up pass is a loop from the end. Points are
 //! re-ordered so that every node owns a contiguous range: a leaf's points are a slice.
 
+use crate::interrupt::Interrupt;
 use crate::math::{Mat3, Real, Vec3};
-use crate::surface::eigenvector::smallest_eigenvector;
+use crate::surface::implicit::eigenvector::smallest_eigenvector;
 use rayon::prelude::*;
 
 /// Below this many leaves a node may be cut by normals instead of positions.
@@ -21,7 +22,7 @@ const NORMAL_CUT_LENGTH: Real = 0.9;
 /// Vectors that a principal axis is found from, at least, where there are as many.
 const AXIS_SAMPLE: usize = 4096;
 
-/// One node, undeformed. The spheres that follow deformation are in [`crate::body::Skin`].
+/// One node, undeformed. The spheres that follow deformation are in [`crate::collider::Skin`].
 #[derive(Debug, Clone)]
 pub struct Node {
     /// Centre of the sphere, body frame, m.
@@ -69,12 +70,20 @@ impl SphereTree {
     /// of the `k`-th point. `gaps[i]` is half the distance from point `i` to the farthest of its close neighbours, m.
     ///
     /// `leaf_count` must be between 1 and the number of points; the caller checks.
-    pub(crate) fn build(points: &[Vec3], normals: &[Vec3], areas: &[Real], gaps: &[Real], leaf_count: usize) -> (Self, Vec<u32>) {
+    /// Once `interrupt` is raised it ends, with a tree that is good for nothing.
+    pub(crate) fn build(
+        points: &[Vec3],
+        normals: &[Vec3],
+        areas: &[Real],
+        gaps: &[Real],
+        leaf_count: usize,
+        interrupt: &Interrupt,
+    ) -> (Self, Vec<u32>) {
         let mut order: Vec<u32> = (0..points.len() as u32).collect();
         let mut nodes = vec![Node::unplaced(0, points.len(), 0, leaf_count, 0, 0)];
         // Breadth-first, a level at a time: its nodes own disjoint ranges of the points, in order, and are cut side by side.
         let mut level = 0..1;
-        while !level.is_empty() {
+        while !level.is_empty() && !interrupt.raised() {
             let (mut rest, mut taken, mut work) = (order.as_mut_slice(), 0, Vec::new());
             for index in level.clone().filter(|&index| nodes[index].leaf_count > 1) {
                 let range = nodes[index].points();
@@ -234,7 +243,7 @@ mod tests {
     fn tree_has_the_wanted_leaves_of_even_area_and_parents_own_their_children() {
         let (points, areas) = spiral(2400);
         let gaps = vec![0.05; 2400];
-        let (tree, order) = SphereTree::build(&points, &points, &areas, &gaps, 320);
+        let (tree, order) = SphereTree::build(&points, &points, &areas, &gaps, 320, &Interrupt::default());
         assert_eq!(tree.leaves.len(), 320);
         let mut sorted = order.clone();
         sorted.sort_unstable();

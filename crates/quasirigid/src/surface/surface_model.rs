@@ -1,15 +1,18 @@
 //! A surface made ready for contact: points in tree order, sphere tree, neighbours of every leaf, control points, interpolation.
 
 use crate::error::{Error, Result};
+use crate::interrupt::Interrupt;
 use crate::math::{Pose, Real, Vec3};
 use crate::surface::control_points::{ControlPoints, Weights};
-use crate::surface::kernel::Kernel;
-use crate::surface::nearest::pick;
-use crate::surface::neighbours::NeighbourGrid;
-use crate::surface::point_surface::{PointSurface, Spread};
+use crate::surface::implicit::kernel::Kernel;
+use crate::surface::sampling::point_surface::{PointSurface, Spread};
+use crate::surface::search::nearest::pick;
+use crate::surface::search::neighbours::NeighbourGrid;
 use crate::surface::sphere_tree::SphereTree;
+use crate::threads::in_parallel;
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::OnceLock;
 
 /// Points of a leaf when the number of control points is not given: the paper's 36,000 / 4,800.
 pub const POINTS_PER_LEAF: Real = 7.5;
@@ -44,7 +47,7 @@ impl Rows {
     }
 }
 
-/// A point surface prepared for contact. Never changes: what moves and deforms is in [`crate::body::Skin`].
+/// A point surface prepared for contact. Never changes: what moves and deforms is in [`crate::collider::Skin`].
 #[derive(Debug, Clone)]
 pub struct Surface {
     /// Positions, body frame, m, in tree order.
@@ -71,6 +74,22 @@ pub struct Surface {
     pub interpolation: Rows,
     /// ... and their weights, adding up to 1 for each point.
     pub interpolation_weights: Vec<f32>,
+    /// Whether normals or areas were estimated: the order of the points is that of the search for it.
+    pub(crate) estimated: bool,
+    /// See [`Surface::content_hash`].
+    pub(crate) hash: OnceLock<u64>,
+}
+
+/// Surfaces are equal if they are built of the same in the same way: all else follows.
+impl PartialEq for Surface {
+    fn eq(&self, other: &Self) -> bool {
+        let of = |s: &Self| (s.len(), s.control.len(), s.estimated);
+        of(self) == of(other)
+            && self.order == other.order
+            && self.points == other.points
+            && self.normals == other.normals
+            && self.areas == other.areas
+    }
 }
 
 impl Surface {
@@ -79,8 +98,20 @@ impl Surface {
     /// `control_points`: how many leaves, hence control points; `None` takes one for every 7.5 points as in the paper.
     ///
     /// # Errors
-    /// [`Error::InvalidValue`] when there would be none, or fewer than two points for each.
-    pub fn build(mut surface: PointSurface, control_points: Option<usize>) -> Result<Self> {
+    /// [`Error::InvalidValue`] when there would be none, or fewer than two points for each; or if the system has no threads to give.
+    pub fn build(surface: PointSurface, control_points: Option<usize>) -> Result<Self> {
+        Self::build_until(surface, control_points, &Interrupt::default())
+    }
+
+    /// [`Self::build`] that ends soon after `interrupt` is raised.
+    ///
+    /// # Errors
+    /// Those of [`Self::build`]; [`Error::Interrupted`].
+    pub fn build_until(surface: PointSurface, control_points: Option<usize>, interrupt: &Interrupt) -> Result<Self> {
+        in_parallel(|| Self::build_here(surface, control_points, interrupt))?
+    }
+
+    fn build_here(mut surface: PointSurface, control_points: Option<usize>, interrupt: &Interrupt) -> Result<Self> {
         let count = surface.len();
         let leaf_count = control_points.unwrap_or_else(|| ((count as Real / POINTS_PER_LEAF).round() as usize).max(1));
         if leaf_count == 0 || leaf_count > count / 2 {
@@ -91,19 +122,22 @@ impl Surface {
                 "sample more points, or ask for fewer control points",
             ));
         }
-        let spacing = surface.spacing();
+        let (spacing, estimated) = (surface.spacing(), surface.is_estimated());
         let kernel = Kernel::for_spacing(spacing)?;
-        let Spread { order: near_order, gaps } = surface.spread();
+        let Spread { order: near_order, gaps } = surface.spread(interrupt);
+        interrupt.check()?;
         let points = pick(surface.points(), &near_order);
         let normals = pick(surface.normals(), &near_order);
         let areas = pick(surface.areas(), &near_order);
         drop(surface);
         // Here in near order; from now on in tree order.
-        let (tree, order) = SphereTree::build(&points, &normals, &areas, &gaps, leaf_count);
+        let (tree, order) = SphereTree::build(&points, &normals, &areas, &gaps, leaf_count, interrupt);
+        interrupt.check()?;
         let (points, normals, areas, gaps) = (pick(&points, &order), pick(&normals, &order), pick(&areas, &order), pick(&gaps, &order));
         let order = pick(&near_order, &order);
         let leaf_gaps: Vec<Real> = (0..leaf_count).map(|l| gaps[tree.leaf(l).points()].iter().copied().fold(0.0, Real::max)).collect();
         let leaf_neighbours = neighbours_of_leaves(&tree, kernel.cutoff());
+        interrupt.check()?;
         // A leaf's centre hardly moves as it is projected: only points about a cutoff away have a say.
         let border = |leaf: usize, ranges: &mut Vec<Range<u32>>| {
             let (own, reach) = (tree.leaf(leaf), 1.2 * kernel.cutoff());
@@ -114,8 +148,10 @@ impl Surface {
                 }
             }
         };
-        let control = ControlPoints::build(&tree, &points, &normals, &kernel, border);
-        let (interpolation, interpolation_weights) = interpolate(&tree, &points, &normals, &control, &leaf_neighbours);
+        let control = ControlPoints::build(&tree, &points, &normals, &kernel, border, interrupt);
+        interrupt.check()?;
+        let (interpolation, interpolation_weights) = interpolate(&tree, &points, &normals, &control, &leaf_neighbours, interrupt);
+        interrupt.check()?;
         Ok(Self {
             points,
             normals,
@@ -129,6 +165,8 @@ impl Surface {
             control,
             interpolation,
             interpolation_weights,
+            estimated,
+            hash: OnceLock::new(),
         })
     }
 
@@ -209,8 +247,18 @@ fn neighbours_of_leaves(tree: &SphereTree, reach: Real) -> Rows {
     rows
 }
 
-fn interpolate(tree: &SphereTree, points: &[Vec3], normals: &[Vec3], control: &ControlPoints, neighbours: &Rows) -> (Rows, Vec<f32>) {
+fn interpolate(
+    tree: &SphereTree,
+    points: &[Vec3],
+    normals: &[Vec3],
+    control: &ControlPoints,
+    neighbours: &Rows,
+    interrupt: &Interrupt,
+) -> (Rows, Vec<f32>) {
     let of_leaf = |leaf: usize| {
+        if interrupt.raised() {
+            return (Vec::new(), Vec::new());
+        }
         let node = tree.leaf(leaf);
         let (mut counts, mut entries) = (Vec::with_capacity(node.point_count as usize), Vec::new());
         for k in node.points() {

@@ -3,7 +3,7 @@
 #![allow(dead_code)] // each test uses some
 
 use quasirigid::Parameters;
-use quasirigid::body::{ComplianceModel, Material};
+use quasirigid::collider::{ComplianceModel, Material};
 use quasirigid::math::Real;
 use quasirigid::scenes::{Indentation, IndentationOptions};
 use std::f64::consts::PI;
@@ -123,6 +123,6 @@ pub fn indentation([ball, flat]: [Elastic; 2], mu: Real, n: usize, fine_ball: bo
 
 /// Mean spacing of the control points that carry the contacts, m.
 pub fn spacing(scene: &Indentation) -> Real {
-    let skin = |body| scene.world.entry(body).unwrap().skin.as_ref().unwrap().surface.control.spacing;
+    let skin = |body| scene.world.skin(body).unwrap().unwrap().surface.control.spacing;
     skin(scene.ball).min(skin(scene.flat))
 }

@@ -2,7 +2,8 @@
 
 #![allow(dead_code)]
 
-use quasirigid::gauss_seidel::{ContactStatus, MatrixFree, NO_BODY, Scratch, SolveReport, SolverParameters, solve};
+use quasirigid::delassus::{ContactStatus, MatrixFree, NO_BODY};
+use quasirigid::gauss_seidel::{Scratch, SolveReport, SolverParameters, solve};
 use quasirigid::math::{Mat3, Mat3x6, Real, Vec3, contact_frame, skew};
 
 /// Time step of all problems, s.

@@ -1,0 +1,129 @@
+//! Elastic rows of one patch, kept from step to step while its contacts stay the same: the paper expects "substantial speedups by reusing parts of the computation".
+
+use crate::delassus::MatrixFree;
+use crate::math::{Mat3, Real};
+use crate::pair::Contact;
+use serde::{Deserialize, Serialize};
+
+/// Rows are kept while the two bodies have turned against each other by less than this, rad. What the solver sees and what
+/// [`crate::constrained_motion`] does must be the same operator: a difference is a creep, here below 1e-13 m in a step.
+const SAME_TURN: Real = 1e-10;
+
+/// What the elastic rows of a pair are made of, but for its contacts: the two colliders, and which compliance either has.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub(super) struct Origin {
+    /// Slots of the colliders `a` and `b`.
+    pub colliders: (u32, u32),
+    /// [`crate::collider::Skin::compliance_revision`] of either.
+    pub revisions: [u64; 2],
+    /// Whether `b` counts as rigid.
+    pub rigid_b: bool,
+}
+
+/// The elastic part of `W` over the contacts of one pair, in the axes of the link of `a`.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub struct ElasticRows {
+    pub(super) origin: Origin,
+    /// Whether the two touched in this step.
+    #[serde(skip)]
+    pub(super) in_touch: bool,
+    pub(super) contacts: Vec<(u32, Real)>,
+    turn: Mat3,
+    /// `1 - alpha` of either side: what the rows are of the static compliance.
+    shares: [Real; 2],
+    /// Ends of the rows in `columns`.
+    pub(super) ends: Vec<u32>,
+    pub(super) columns: Vec<u32>,
+    pub(super) values: Vec<Real>,
+    /// Tensors of either side, all rows of all contacts, dense, in the axes of the link of `a`; empty for a side that is isotropic or rigid.
+    pub(super) tensors: [Vec<Mat3>; 2],
+    /// Changes whenever the rows are filled anew.
+    #[serde(skip)]
+    pub(super) serial: u64,
+}
+
+impl ElasticRows {
+    /// No rows yet.
+    pub(super) fn of(origin: Origin) -> Self {
+        Self { origin, ..Self::default() }
+    }
+
+    /// Whether the rows are those of `patch`: of the same origin, the same control points with the same projections and areas, the same shares of the static compliance.
+    pub(super) fn hold_for(&self, origin: &Origin, patch: &[Contact], turn: &Mat3, shares: [Real; 2]) -> bool {
+        let same = |(contact, kept): (&Contact, &(u32, Real))| !contact.projected && (contact.control_point, contact.area) == *kept;
+        self.origin == *origin
+            && self.shares == shares
+            && self.contacts.len() == patch.len()
+            && self.ends.len() == patch.len()
+            && patch.iter().zip(&self.contacts).all(same)
+            && (self.tensors.iter().all(Vec::is_empty) || (self.turn - turn).amax() < SAME_TURN)
+    }
+
+    /// Holds for no patch until it is filled anew.
+    pub(super) fn forget(&mut self) {
+        self.contacts.clear();
+        self.ends.clear();
+    }
+
+    /// Starts to fill the rows of `patch` anew; `serial` is a number that was never used before.
+    pub(super) fn start(&mut self, origin: Origin, patch: &[Contact], turn: &Mat3, shares: [Real; 2], serial: u64) {
+        (self.origin, self.serial) = (origin, serial);
+        self.contacts.clear();
+        self.contacts.extend(patch.iter().map(|contact| (contact.control_point, contact.area)));
+        (self.turn, self.shares) = (*turn, shares);
+        self.ends.clear();
+        self.columns.clear();
+        self.values.clear();
+        self.tensors.iter_mut().for_each(Vec::clear);
+    }
+
+    pub(super) fn add_isotropic(&mut self, j: u32, value: Real) {
+        self.columns.push(j);
+        self.values.push(value);
+    }
+
+    /// A row of side `a` (0) or `b` (1).
+    pub(super) fn add_tensors(&mut self, side: usize, row: &[Mat3]) {
+        self.tensors[side].extend_from_slice(row);
+    }
+
+    /// Transpose of the block in row `j` and column `i` of a side whose row `j` was added already.
+    pub(super) fn mirrored(&self, side: usize, i: usize, j: usize) -> Mat3 {
+        self.tensors[side][j * self.contacts.len() + i].transpose()
+    }
+
+    /// The number that [`ElasticRows::start`] was given.
+    pub(super) fn serial(&self) -> u64 {
+        self.serial
+    }
+
+    /// Rotation from the link of `b` to that of `a` when the rows were filled.
+    pub fn turn(&self) -> &Mat3 {
+        &self.turn
+    }
+
+    /// Row `i` of the compliance over the step of side `a` (0) or `b` (1) between the contacts of the patch, in the axes of the link of `a`, m/N; `None` if that side
+    /// is isotropic or rigid.
+    pub fn tensor_row(&self, side: usize, i: usize) -> Option<&[Mat3]> {
+        let count = self.contacts.len();
+        self.tensors[side].get(i * count..(i + 1) * count).filter(|row| !row.is_empty())
+    }
+
+    pub(super) fn end_row(&mut self) {
+        self.ends.push(self.columns.len() as u32);
+    }
+
+    /// Hands row `i` to the operator; `first` is the number of the patch's first contact in the whole problem.
+    pub(super) fn push_row(&self, w: &mut MatrixFree, i: usize, first: usize) {
+        let start = if i == 0 { 0 } else { self.ends[i - 1] as usize };
+        let range = start..self.ends[i] as usize;
+        for (j, value) in self.columns[range.clone()].iter().zip(&self.values[range]) {
+            w.push_isotropic(first + *j as usize, *value);
+        }
+        match (self.tensor_row(0, i), self.tensor_row(1, i)) {
+            (Some(a), Some(b)) => a.iter().zip(b).enumerate().for_each(|(j, (a, b))| w.push_tensor(first + j, &(a + b))),
+            (Some(row), None) | (None, Some(row)) => row.iter().enumerate().for_each(|(j, block)| w.push_tensor(first + j, block)),
+            (None, None) => {}
+        }
+    }
+}

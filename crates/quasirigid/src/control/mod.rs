@@ -1,0 +1,6 @@
+//! What tells fingers where to go: inverse kinematics, and a grip that closes until the wanted squeeze.
+
+pub mod grip;
+pub mod inverse_kinematics;
+
+pub use grip::{Grip, GripState, PadPath};

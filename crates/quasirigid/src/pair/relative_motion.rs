@@ -1,0 +1,333 @@
+//! What two bodies do together in a step, in full: the linear equations are about what they do apart.
+//!
+//! A body that turns by `theta` in a step moves its points by `theta x r` to first order, but goes on the arc. Taken to first order about a place of its own, such as
+//! the palm of a hand, each of two bodies that turn together would end `theta^2 r / 2` from where the equations have it, each by another `r`; tangential rows are
+//! increments, so nothing undoes it, and what is held would leave the hand in every step. So the displacement of the two against each other is linearised about the
+//! motion that they are expected to make.
+
+use crate::free_motion::Expected;
+use crate::math::{Mat3, Pose, Real, Vec3, skew};
+use crate::objects::Side;
+use serde::{Deserialize, Serialize};
+
+/// A motion against each other (m, rad) that is more than this in a step was no motion: one of the two was put elsewhere.
+const MOST_APART: Real = 0.05;
+
+/// Displacement of `a` against `b` in a step, but for what the equations of motion of the two say: `shift + turn (p - at)`, world axes, m.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RelativeMotion {
+    at: Vec3,
+    shift: Vec3,
+    turn: Mat3,
+    /// Pose of `b` in the frame of `a` at the start of the last step in which they were near.
+    last: Option<Pose>,
+    /// rho and phi of the step before that, in the frame of the one that leads.
+    before: Option<[Vec3; 2]>,
+}
+
+impl RelativeMotion {
+    /// Of two bodies that were not near before.
+    pub(crate) fn none() -> Self {
+        Self { at: Vec3::zeros(), shift: Vec3::zeros(), turn: Mat3::zeros(), last: None, before: None }
+    }
+
+    /// The two were apart.
+    pub(crate) fn forget(&mut self) {
+        (self.last, self.before) = (None, None);
+    }
+
+    /// At a point (world, m).
+    pub fn displacement(&self, point: &Vec3) -> Vec3 {
+        self.shift + self.turn * (point - self.at)
+    }
+
+    /// Finds it for the step under way, of `dt` (s).
+    ///
+    /// Be `l` the body that leads and `f` the other, `P` the motion that `l` is expected to make (`P(p) = p + s + (R - 1)(p - o)`, R the rotation by theta), c the centre of
+    /// mass of `f`, and `w(p) = rho + (exp(phi) - 1) (p - c)` the displacement of `f` against `l`, in the axes that `l` has at the start of the step; rho and phi are taken to go
+    /// on as in the last two steps. Then `f` is expected to move by
+    ///
+    /// ```text
+    ///     dc = P(c) - c + R rho          theta_f = theta + H phi          H = R^(1/2), as exp(theta + H phi) = R exp(phi) + O(phi^2)
+    /// ```
+    ///
+    /// and what the two do is, with x the free motion of each, x_e what was expected of it, and J taken at the start of the step:
+    ///
+    /// ```text
+    ///     d_l - d_f = -w(p) + J_l (x_l - x_e,l) - J_f (x_f - x_e,f)
+    ///               = J_l (x_l - x_e,l) - J_f x_f + P(c) - c + (R - 1) rho
+    ///                 + (theta + H phi) x (p - c) - (exp(phi) - 1) (p - c)
+    /// ```
+    ///
+    /// If `l` is free itself (o: its centre) then J_l x_e,l takes `s + theta x (p - o)` off again. If both lead, each has its own P. A rotation that is not expected changes nothing.
+    pub(crate) fn renew(&mut self, sides: [Side<'_>; 2], dt: Real) {
+        let [pose_a, pose_b] = sides.map(|side| side.pose());
+        let now = pose_a.inverse() * pose_b;
+        let last = self.last.replace(now).unwrap_or(now);
+        let [of_a, of_b] = &sides.map(|side| Expected::of(side, dt));
+        self.at = Vec3::zeros();
+        if of_a.leads && of_b.leads {
+            let (turn_a, turn_b) = (less_one(&of_a.theta, 1.0), less_one(&of_b.theta, 1.0));
+            self.turn = turn_a - turn_b;
+            self.shift = of_a.shift - turn_a * of_a.origin - (of_b.shift - turn_b * of_b.origin);
+            return;
+        }
+        if of_a.leads || !of_b.leads {
+            self.follow(of_a, &pose_a, of_b, &last, &now);
+        } else {
+            self.follow(of_b, &pose_b, of_a, &last.inverse(), &now.inverse());
+            (self.shift, self.turn) = (-self.shift, -self.turn);
+        }
+    }
+
+    /// `lead` against `free`. `pose`: of the leading body; `last` and `now`: of the free one in its frame.
+    fn follow(&mut self, lead: &Expected, pose: &Pose, free: &Expected, last: &Pose, now: &Pose) {
+        (self.at, self.shift, self.turn) = (free.origin, lead.shift, Mat3::zeros());
+        if !lead.turns() {
+            self.before = None;
+            return;
+        }
+        let center = now.inverse_transform_point(&pose.inverse_transform_point(&free.origin.into()));
+        let apart = [now * center - last * center, (now.rotation * last.rotation.inverse()).scaled_axis()];
+        // On a line through the last two steps.
+        let before = self.before.replace(apart).unwrap_or(apart);
+        let known = [apart, before].iter().flatten().all(|v| v.amax() < MOST_APART);
+        let [rho, phi] = [0, 1].map(|k| if known { pose.rotation * (apart[k] * 2.0 - before[k]) } else { Vec3::zeros() });
+        let lever = free.origin - lead.origin;
+        self.shift += less_one(&lead.theta, 1.0) * (lever + rho);
+        let mut theta = less_one(&lead.theta, 0.5) * phi;
+        if lead.leads {
+            theta += lead.theta;
+        } else {
+            self.shift -= lead.theta.cross(&lever);
+        }
+        // Of w what phi x (p - c) is not: what turns on the spot against the other leaves it where it is.
+        self.turn = skew(&theta) + skew(&phi) - less_one(&phi, 1.0);
+    }
+}
+
+/// `R - 1`, R the rotation by `share` of a rotation vector (Rodrigues): exactly zero for none, without a difference of near equals for a small one.
+fn less_one(theta: &Vec3, share: Real) -> Mat3 {
+    let axis = skew(&(theta * share));
+    let angle = theta.norm() * share;
+    // sin(x)/x is 1 to rounding where x^2 is less than that.
+    let over = |x: Real| if x < 1e-9 { 1.0 } else { x.sin() / x };
+    axis * over(angle) + axis * axis * (0.5 * over(0.5 * angle).powi(2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::body::{Body, BodyEntry, MassProperties, Motion, RigidBody};
+    use crate::collider::{Filter, Material, Skin};
+    use crate::free_motion::{FreeMotion, StepContext, free_motions, unexpected_displacement};
+    use crate::math::{Rot, Vec6};
+    use crate::surface::{Surface, shapes};
+    use crate::{Parameters, World};
+    use proptest::prelude::*;
+    use std::sync::{Arc, LazyLock};
+
+    /// Of whatever shape: where surfaces are does not matter here.
+    static SURFACE: LazyLock<Arc<Surface>> =
+        LazyLock::new(|| Arc::new(Surface::build(shapes::sample_sphere(0.01, 200).unwrap(), Some(20)).unwrap()));
+
+    /// Rounding of places of some metres, m.
+    const ROUNDING: Real = 2e-14;
+
+    fn vector(largest: Real) -> impl Strategy<Value = Vec3> {
+        prop::array::uniform3(-1.0..1.0f64).prop_map(move |v| Vec3::from(v) * (largest / 3.0_f64.sqrt()))
+    }
+
+    fn pose() -> impl Strategy<Value = Pose> {
+        (vector(1.0), vector(3.0)).prop_map(|(shift, theta)| Pose::new(shift, theta))
+    }
+
+    fn weightless() -> World {
+        World::new(Parameters { gravity: Vec3::zeros(), ..Parameters::default() }).unwrap()
+    }
+
+    fn skin() -> (Arc<Surface>, Material) {
+        (SURFACE.clone(), Material::preset("steel").unwrap())
+    }
+
+    /// The colliders of the two bodies.
+    fn sides(world: &World) -> [Side<'_>; 2] {
+        [0, 1].map(|slot| world.objects.side(slot))
+    }
+
+    fn expected(world: &World) -> [Expected; 2] {
+        sides(world).map(|side| Expected::of(side, world.params.dt))
+    }
+
+    fn fixed(at: Pose) -> RigidBody {
+        RigidBody::fixed("fixed", at).unwrap()
+    }
+
+    fn free(at: Pose) -> RigidBody {
+        let mass = MassProperties::new(0.3, Vec3::new(0.01, -0.02, 0.03), Mat3::identity() * 1e-4).unwrap();
+        RigidBody::free("free", mass, Motion::Inertial, at).unwrap()
+    }
+
+    /// The free motions of a step; bodies 0 and 1 are the pair.
+    fn free_motions_of(world: &mut World) -> Vec<FreeMotion> {
+        let mut motions = Vec::new();
+        free_motions(&mut world.objects.bodies, &StepContext::of(&world.params), &mut motions);
+        motions
+    }
+
+    /// Largest displacement of body 0 against body 1 at `points`, less `expected`, m, with the two in either order.
+    fn largest_against(
+        world: &World,
+        motions: &[FreeMotion],
+        relative: &mut RelativeMotion,
+        points: &[Vec3],
+        expected: impl Fn(&Vec3) -> Vec3,
+    ) -> Real {
+        let ([a, b], dt) = (sides(world), world.params.dt);
+        let mut mirrored = *relative;
+        // In the order (1, 0) the last pose is the other one's.
+        mirrored.last = relative.last.map(|last| last.inverse());
+        relative.renew([a, b], dt);
+        mirrored.renew([b, a], dt);
+        let own = |k: usize, p: &Vec3| unexpected_displacement([a, b][k], &motions[k], p);
+        let off = |p: &Vec3| {
+            let delta = own(0, p) - own(1, p) + relative.displacement(p) - expected(p);
+            let other = own(1, p) - own(0, p) + mirrored.displacement(p) + expected(p);
+            delta.amax().max(other.amax())
+        };
+        points.iter().map(off).fold(0.0, Real::max)
+    }
+
+    proptest! {
+        /// Both are moved by the same rotation, however large, about any place.
+        #[test]
+        fn two_bodies_that_are_moved_as_one_do_not_slip(
+            a in pose(), b in pose(), together in pose(), points in prop::collection::vec(vector(1.0), 3),
+        ) {
+            let mut world = weightless();
+            for at in [a, b] {
+                let body = world.add_body(fixed(at), Some(skin())).unwrap();
+                world.body_mut(body).unwrap().move_to(together * at).unwrap();
+            }
+            let motions = free_motions_of(&mut world);
+            let slip = largest_against(&world, &motions, &mut RelativeMotion::none(), &points, |_| Vec3::zeros());
+            prop_assert!(slip < ROUNDING, "slip {slip:e} m");
+        }
+
+        /// The one is moved, the other is free and flies along: `x = (P(c) - c, theta)`.
+        #[test]
+        fn a_free_body_that_goes_along_with_a_moved_one_does_not_slip(
+            a in pose(), b in pose(), shift in vector(0.1), theta in vector(1.5), points in prop::collection::vec(vector(1.0), 3),
+        ) {
+            let mut world = weightless();
+            let lead = world.add_body(fixed(a), Some(skin())).unwrap();
+            world.add_body(free(b), Some(skin())).unwrap();
+            let together = Pose::new(shift, theta);
+            world.body_mut(lead).unwrap().move_to(together * a).unwrap();
+            let mut motions = free_motions_of(&mut world);
+            let center = sides(&world)[1].pose() * nalgebra::Point3::new(0.01, -0.02, 0.03);
+            let along = (together * center) - center;
+            motions[1].displacement = Vec6::new(along.x, along.y, along.z, theta.x, theta.y, theta.z);
+            let slip = largest_against(&world, &motions, &mut RelativeMotion::none(), &points, |_| Vec3::zeros());
+            prop_assert!(slip < ROUNDING, "slip {slip:e} m");
+        }
+
+        /// Both are free and turn about a common place as they did in the last step.
+        #[test]
+        fn two_free_bodies_that_turn_as_one_do_not_slip(
+            a in pose(), b in pose(), shift in vector(0.1), theta in vector(0.99), points in prop::collection::vec(vector(1.0), 3),
+        ) {
+            let mut world = weightless();
+            let dt = world.params.dt;
+            for at in [a, b] {
+                let mut body = free(at);
+                body.set_velocity(Vec3::zeros(), theta / dt).unwrap();
+                world.add_body(body, Some(skin())).unwrap();
+            }
+            let mut motions = free_motions_of(&mut world);
+            let turn = Rot::from_scaled_axis(theta);
+            let [of_a, of_b] = expected(&world);
+            let lever = of_b.origin - of_a.origin;
+            let shifts = [shift, shift + turn * lever - lever];
+            for (motion, along) in motions.iter_mut().zip(shifts) {
+                motion.displacement = Vec6::new(along.x, along.y, along.z, theta.x, theta.y, theta.z);
+            }
+            // Which of the two leads is a matter of order: what the one is free to do, to first order, the other does in full.
+            let mut relative = RelativeMotion::none();
+            relative.renew(sides(&world), dt);
+            let own = |k: usize, p: &Vec3| unexpected_displacement(sides(&world)[k], &motions[k], p);
+            let slip = points.iter().map(|p| (own(0, p) - own(1, p) + relative.displacement(p)).amax()).fold(0.0, Real::max);
+            // The angular velocity went through the inertia.
+            prop_assert!(slip < 100.0 * ROUNDING, "slip {slip:e} m");
+        }
+
+        /// A free body goes on against a moved one as in the last two steps: what is left is just that, `w(p) = rho + (exp(phi) - 1)(p - c)`, on the arc.
+        #[test]
+        fn a_body_that_goes_on_rolling_slips_by_what_it_rolls(
+            a in pose(), b in pose(), shift in vector(0.05), theta in vector(1.0), rho in vector(0.02), phi in vector(0.04),
+            points in prop::collection::vec(vector(1.0), 3),
+        ) {
+            let mut world = weightless();
+            let together = Pose::new(shift, theta);
+            let lead = world.add_body(fixed(a), Some(skin())).unwrap();
+            let follow = world.add_body(free(b), Some(skin())).unwrap();
+            let local = nalgebra::Point3::new(0.01, -0.02, 0.03);
+            // Step by step in the frame of the one that leads: the centre goes on by rho, the body turns by phi about it.
+            let (mut at, mut relative) = (a.inverse() * b, RelativeMotion::none());
+            for step in 0..3 {
+                let base = *world.body(lead).unwrap().pose();
+                world.body_mut(lead).unwrap().move_to(together * base).unwrap();
+                world.body_mut(follow).unwrap().set_pose(base * at).unwrap();
+                let mut motions = free_motions_of(&mut world);
+                let center = base * at * local;
+                // Axes of the world.
+                let (by, turned) = (base.rotation * rho, base.rotation * phi);
+                let along = (together * (center + by)) - center;
+                let half = Rot::from_scaled_axis(theta * 0.5);
+                let turn = theta + half * turned;
+                motions[1].displacement = Vec6::new(along.x, along.y, along.z, turn.x, turn.y, turn.z);
+                let w = |p: &Vec3| by + Rot::from_scaled_axis(turned) * (p - center.coords) - (p - center.coords);
+                relative.renew(sides(&world), world.params.dt);
+                if step == 2 {
+                    let slip = |p: &Vec3| relative.displacement(p) - unexpected_displacement(sides(&world)[1], &motions[1], p);
+                    let off = points.iter().map(|p| (slip(p) + w(p)).amax()).fold(0.0, Real::max);
+                    prop_assert!(off < 10.0 * ROUNDING, "off by {off:e} m");
+                }
+                let place = at * local;
+                let next = nalgebra::Translation3::from(place.coords + rho) * Rot::from_scaled_axis(phi) * nalgebra::Translation3::from(-place.coords);
+                at = next * at;
+                world.body_mut(lead).unwrap().set_pose(together * base).unwrap();
+            }
+        }
+    }
+
+    /// A hand that turns and closes at once, with what it holds.
+    #[test]
+    fn what_a_closing_finger_takes_along_does_not_slip() {
+        let model = crate::body::HandModel::three_finger().unwrap();
+        let base = Pose::new(Vec3::new(0.1, 0.2, 0.3), Vec3::new(0.3, -0.5, 0.7));
+        for mut finger in model.instantiate(base, Motion::Inertial).unwrap() {
+            let joints = finger.model().joints().len();
+            let mut state = finger.state();
+            (0..joints).for_each(|k| state.velocities[k] = 40.0 - 25.0 * k as Real);
+            finger.restore(&state);
+            finger.move_base_to(Pose::new(Vec3::new(0.01, 0.0, -0.02), Vec3::new(0.2, 0.4, -0.3)) * base).unwrap();
+            let mut world = weightless();
+            world.add_body(free(Pose::new(Vec3::new(0.15, 0.1, 0.25), Vec3::new(1.0, 2.0, -0.5))), Some(skin())).unwrap();
+            let slot = world.objects.bodies.insert(BodyEntry { body: Body::Finger(finger), hand: None, quarantined: false });
+            let (surface, material) = skin();
+            world.insert_collider(slot, joints - 1, Skin::new(surface, material).unwrap(), Filter::default());
+            let mut motions = free_motions_of(&mut world);
+            // The joints do what they were expected to do.
+            motions[1].displacement = motions[1].expected_joints;
+            let [Expected { origin: center, .. }, finger] = expected(&world);
+            let Expected { origin, shift, theta, joints, .. } = finger;
+            assert!(joints.amax() > 0.01 && theta.norm() > 0.1, "{finger:?}");
+            let along = shift + Rot::from_scaled_axis(theta) * (center - origin) - (center - origin);
+            motions[0].displacement = Vec6::new(along.x, along.y, along.z, theta.x, theta.y, theta.z);
+            let points = [Vec3::zeros(), center, Vec3::new(0.2, 0.3, 0.1)];
+            let slip = largest_against(&world, &motions, &mut RelativeMotion::none(), &points, |_| Vec3::zeros());
+            assert!(slip < ROUNDING, "slip {slip:e} m");
+        }
+    }
+}

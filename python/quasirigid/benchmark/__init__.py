@@ -1,0 +1,1 @@
+"""``quasirigid bench``: how long a step takes."""

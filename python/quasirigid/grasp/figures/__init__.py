@@ -1,0 +1,1 @@
+"""Pictures of a grasp, made of its recording."""

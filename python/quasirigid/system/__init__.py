@@ -1,0 +1,1 @@
+"""What processes have to know of each other."""
