@@ -1,7 +1,8 @@
 //! The whole step of the paper's grasp at three squeezes, with about 56, 105 and 164 contacts: the paper's three phases.
 //!
-//! The box weighs 20 g, so that the lightest squeeze carries it too: the number of contacts comes from the squeeze. The support is gone, the box hangs in
-//! the hand by friction alone, gravity is on. Around criterion's figure of a step at rest the times of the stages are printed, median over [`STEPS`] steps:
+//! The box weighs 20 g, so that the lightest squeeze carries it too: the number of contacts comes from the
+//! squeeze. The support is gone, the box hangs in the hand by friction alone, gravity is on. Around
+//! criterion's figure of a step at rest the times of the stages are printed, median over [`STEPS`] steps:
 //! before it at rest, after it while the hand is shaken, when the solver has more to do.
 
 use criterion::{Criterion, criterion_group, criterion_main};

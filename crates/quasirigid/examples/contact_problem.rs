@@ -1,7 +1,7 @@
 //! The solver on a problem of your own: no bodies, no meshes. A block on an incline that gets steeper, as one contact.
 //!
-//! The block is a point mass that the contact alone supports. Over a step `dt` it answers to a force with `W = dt^2/m` in every direction, and without force gravity
-//! moves it by `delta_free = dt^2 g`, seen in the contact frame (normal, tangent1, tangent2).
+//! The block is a point mass that the contact alone supports. Over a step `dt` it answers to a force with `W = dt^2/m` in every
+//! direction, and without force gravity moves it by `delta_free = dt^2 g`, seen in the contact frame (normal, tangent1, tangent2).
 
 use quasirigid::delassus::{Assembled, ContactStatus};
 use quasirigid::gauss_seidel::{Scratch, SolverParameters, check_problem, solve};

@@ -17,7 +17,8 @@ fn main() -> quasirigid::Result<()> {
         }
         let now = scene.world.body(scene.object)?.pose();
         println!(
-            "t {:.2} s  contacts {:3}  sweeps {:3} (most {sweeps})  residual {:.1e}  moved {:.2e} m  turned {:.2e} rad  forces {:.3?} N  step {:?}",
+            "t {:.2} s  contacts {:3}  sweeps {:3} (most {sweeps})  residual {:.1e}  \
+             moved {:.2e} m  turned {:.2e} rad  forces {:.3?} N  step {:?}",
             last.time,
             last.contacts,
             last.sweeps,

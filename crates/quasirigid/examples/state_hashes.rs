@@ -1,5 +1,6 @@
-//! Hashes and end states of scenes that between them reach every path of a step: for comparing two builds on one machine. Where a change must not change results, the
-//! two outputs are equal; where it may change rounding, the numbers agree to the digits that are asked for.
+//! Hashes and end states of scenes that between them reach every path of a step: for comparing two
+//! builds on one machine. Where a change must not change results, the two outputs are equal; where
+//! it may change rounding, the numbers agree to the digits that are asked for.
 //!
 //! ```sh
 //! cargo run --release --example state_hashes > before.txt     # then change something, and:

@@ -7,8 +7,9 @@ use crate::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// A body that would move, or turn, by more than this in one step before contact forces has gone bad: it is quarantined before others can feel it, m or rad.
-/// Far above anything in a grasp, so that nobody meets it by chance; far below where squares of numbers overflow.
+/// A body that would move, or turn, by more than this in one step before contact forces has gone
+/// bad: it is quarantined before others can feel it, m or rad. Far above anything in a grasp, so
+/// that nobody meets it by chance; far below where squares of numbers overflow.
 pub(crate) const ABSURD_DISPLACEMENT: Real = 100.0;
 
 /// Parameters of a world. Plain data; [`Parameters::check`] is called when a world is made or its parameters are replaced.
@@ -21,36 +22,41 @@ pub struct Parameters {
     /// `delta_c` of the paper: contacts up to this gap enter the problem, m. Default 2e-4. Too small and a neighbour that is pushed into
     /// contact during the solve is missed for one step; too large and the solver drags contacts that stay open.
     pub contact_margin: Real,
-    /// Speed at which an overlap that a step finds at its start is pushed apart, m/s. Default 0.02. Surfaces that touch do not overlap, however hard they press: this is
-    /// for bodies that were put into each other. The gap that the solver sees is cut at this speed times `dt`, so that what is pushed out leaves at about this speed
-    /// instead of overlap over `dt`. Lower is gentler and takes longer; infinity removes any overlap in one step, and throws apart what was in it.
+    /// Speed at which an overlap that a step finds at its start is pushed apart, m/s. Default 0.02. Surfaces that touch do not
+    /// overlap, however hard they press: this is for bodies that were put into each other. The gap that the solver sees is cut at
+    /// this speed times `dt`, so that what is pushed out leaves at about this speed instead of overlap over `dt`. Lower is gentler
+    /// and takes longer; infinity removes any overlap in one step, and throws apart what was in it.
     pub push_out_speed: Real,
-    /// Sphere tests that collision may spend in a step, shared evenly by the pairs of bodies that are near each other; each gets at least 2,000 (some 15 µs), since with
-    /// less too few contacts are left to hold anything. Default: no limit. When it is spent the traversal stops and the report says `budget_exhausted`: patches are then
-    /// made of fewer, larger contacts. They hold as hard, but not as still: which points stand for a patch may change as the bodies move.
+    /// Sphere tests that collision may spend in a step, shared evenly by the pairs of bodies that are near each other; each gets
+    /// at least 2,000 (some 15 µs), since with less too few contacts are left to hold anything. Default: no limit. When it is
+    /// spent the traversal stops and the report says `budget_exhausted`: patches are then made of fewer, larger contacts. They
+    /// hold as hard, but not as still: which points stand for a patch may change as the bodies move.
     pub traversal_budget: usize,
-    /// Sphere tests are done with this much more margin, m, and their result is kept until the two bodies have moved by it. Default 5e-4. Larger means
-    /// fewer traversals and more control points to look at in each step. Where control points are far apart it is a tenth of their spacing, if that is more.
+    /// Sphere tests are done with this much more margin, m, and their result is kept until the two bodies have
+    /// moved by it. Default 5e-4. Larger means fewer traversals and more control points to look at in each step.
+    /// Where control points are far apart it is a tenth of their spacing, if that is more.
     pub traversal_slack: Real,
     /// Projections on a surface stop when the distance left is below this, m. Default 1e-10.
     pub projection_tolerance: Real,
-    /// A projection is kept, with its tangent plane for the surface, until its control point has moved this far from where it was made, m. Default 1e-6: on a
-    /// radius of 1 mm the plane is then off by 5e-10 m. On flatter surfaces that do not yield it is kept until the plane is off by as much. 0 projects anew in every step.
+    /// A projection is kept, with its tangent plane for the surface, until its control point has moved this far from
+    /// where it was made, m. Default 1e-6: on a radius of 1 mm the plane is then off by 5e-10 m. On flatter surfaces
+    /// that do not yield it is kept until the plane is off by as much. 0 projects anew in every step.
     pub projection_slack: Real,
-    /// Surfaces are looked at anew only in every so many-th step, at least 1. Default 1. In between every contact keeps its foot and tangent plane, carried along with the
-    /// body that they are on, and only gap and slip follow the motion; a control point that moves by more than `contact_margin` against the other body is projected all the
-    /// same. Larger saves most of collision and of the elastic part of the contact problem while things move. What it costs: over a move `d` on a radius `R` a gap is off by
-    /// `d^2/(2R)`, until the next look. 4 is a good choice for 1 kHz haptics.
+    /// Surfaces are looked at anew only in every so many-th step, at least 1. Default 1. In between every contact keeps its foot
+    /// and tangent plane, carried along with the body that they are on, and only gap and slip follow the motion; a control point
+    /// that moves by more than `contact_margin` against the other body is projected all the same. Larger saves most of collision
+    /// and of the elastic part of the contact problem while things move. What it costs: over a move `d` on a radius `R` a gap is
+    /// off by `d^2/(2R)`, until the next look. 4 is a good choice for 1 kHz haptics.
     pub collision_every: u32,
-    /// Spheres are refitted after deformation up to this level of the tree, 0 being the root; nodes above are inflated by the largest displacement instead.
-    /// Default 6. Higher saves time, and makes the upper spheres looser.
+    /// Spheres are refitted after deformation up to this level of the tree, 0 being the root; nodes above are inflated by
+    /// the largest displacement instead. Default 6. Higher saves time, and makes the upper spheres looser.
     pub refit_level: u32,
     /// Surface points and spheres follow a control point when its elastic displacement has changed by more than this, m. Default 1e-7.
     /// The control points keep the exact value.
     pub deformation_threshold: Real,
-    /// Where two surfaces meet and the one with the coarser control points is more than this many times stiffer, it counts as rigid: what it would yield is a
-    /// thousandth of what the other does, and following it costs as much again. Default 1000, as wood is to a fingertip; infinity never does so. Holds for pairs that
-    /// meet after it was set.
+    /// Where two surfaces meet and the one with the coarser control points is more than this many times stiffer, it counts as
+    /// rigid: what it would yield is a thousandth of what the other does, and following it costs as much again. Default 1000,
+    /// as wood is to a fingertip; infinity never does so. Holds for pairs that meet after it was set.
     pub rigid_beyond: Real,
     /// How the friction coefficients of two materials make that of their pair. Default: the geometric mean. Pairs in the friction table
     /// ([`crate::World::set_friction`]) do not ask it.
@@ -59,10 +65,11 @@ pub struct Parameters {
     pub threads: usize,
     /// When the solver stops.
     pub solver: SolverParameters,
-    /// Time that a step may take, for a loop that must keep up with the clock: some 0.8 `dt`. Default: none. The solver gets what the stages before it have left, less what the
-    /// stage after it took in the last step, but never less than a quarter; when that is used up it stops at the best that it has, which obeys Coulomb's law and does not pull,
-    /// and the report says [`crate::gauss_seidel::Stop::TimeBudget`]. The next step goes on from there. The result then depends on the machine: two runs are no longer
-    /// the same bit by bit. `solver.max_sweeps` of 20 to 40 is a limit of the same kind that is the same everywhere.
+    /// Time that a step may take, for a loop that must keep up with the clock: some 0.8 `dt`. Default: none. The solver gets what the
+    /// stages before it have left, less what the stage after it took in the last step, but never less than a quarter; when that is used
+    /// up it stops at the best that it has, which obeys Coulomb's law and does not pull, and the report says
+    /// [`crate::gauss_seidel::Stop::TimeBudget`]. The next step goes on from there. The result then depends on the machine: two runs are
+    /// no longer the same bit by bit. `solver.max_sweeps` of 20 to 40 is a limit of the same kind that is the same everywhere.
     pub step_budget: Option<Duration>,
 }
 
@@ -90,7 +97,8 @@ impl Default for Parameters {
 }
 
 impl Parameters {
-    /// Time that the solver may take in a step that began `elapsed` ago, if what comes after it takes `rest`: [`Parameters::step_budget`] and the solver's own.
+    /// Time that the solver may take in a step that began `elapsed` ago, if what comes
+    /// after it takes `rest`: [`Parameters::step_budget`] and the solver's own.
     pub(crate) fn solver_budget(&self, elapsed: Duration, rest: Duration) -> Option<Duration> {
         let left = self.step_budget.map(|budget| budget.saturating_sub(elapsed + rest).max(budget / 4));
         left.into_iter().chain(self.solver.time_budget).min()

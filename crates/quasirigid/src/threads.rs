@@ -1,13 +1,16 @@
 //! Threads of the engine, safe to use in a process that was forked.
 //!
-//! A forked child has the memory of its parent, but none of its threads. A pool that was made before the fork looks whole in the child, and work that is given to it
-//! waits for ever. So nothing here is global: building a surface has threads for as long as it takes, and a world knows which process the threads of its own are in.
+//! A forked child has the memory of its parent, but none of its threads. A pool that was made before the fork looks
+//! whole in the child, and work that is given to it waits for ever. So nothing here is global: building a surface has
+//! threads for as long as it takes, and a world knows which process the threads of its own are in.
 
 use crate::error::{Error, Result};
 
-/// Runs `work`, which goes through rayon's parallel iterators, on threads that end with it: as many as there are cores, or `RAYON_NUM_THREADS`.
+/// Runs `work`, which goes through rayon's parallel iterators, on threads that
+/// end with it: as many as there are cores, or `RAYON_NUM_THREADS`.
 ///
-/// Inside a pool of the caller's own it runs there. rayon's global pool, where parallel iterators go by default, is never used: see the page of this module.
+/// Inside a pool of the caller's own it runs there. rayon's global pool, where parallel
+/// iterators go by default, is never used: see the page of this module.
 pub(crate) fn in_parallel<T: Send>(work: impl FnOnce() -> T + Send) -> Result<T> {
     if rayon::current_thread_index().is_some() {
         return Ok(work());
@@ -31,8 +34,8 @@ impl WorkerPool {
         Ok(Self { pool, process: std::process::id() })
     }
 
-    /// The pool to work in. In a forked child it is made anew, with as many threads; None where the system has no more threads to give, for the result is the same
-    /// without.
+    /// The pool to work in. In a forked child it is made anew, with as many threads; None where
+    /// the system has no more threads to give, for the result is the same without.
     pub fn of_this_process(&mut self, threads: usize) -> Option<&rayon::ThreadPool> {
         if self.pool.is_some() && self.process != std::process::id() {
             *self = Self::new(threads).unwrap_or_default();
@@ -44,7 +47,8 @@ impl WorkerPool {
 impl Drop for WorkerPool {
     fn drop(&mut self) {
         if self.process != std::process::id() {
-            // To end a pool is to wake its threads, which would wait for what threads of the parent hold. Its memory stays until the child ends.
+            // To end a pool is to wake its threads, which would wait for what threads
+            // of the parent hold. Its memory stays until the child ends.
             std::mem::forget(self.pool.take());
         }
     }

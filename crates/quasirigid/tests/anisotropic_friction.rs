@@ -56,7 +56,8 @@ fn block_slips_where_the_load_leaves_the_ellipse() {
 
 #[test]
 fn slip_leaves_along_the_normal_of_the_ellipse() {
-    // Without inertia, just above the threshold: friction is the load, a point of the ellipse, and slip is along its normal there, (f_1/mu_1^2, f_2/mu_2^2).
+    // Without inertia, just above the threshold: friction is the load, a point of the
+    // ellipse, and slip is along its normal there, (f_1/mu_1^2, f_2/mu_2^2).
     for heading in [20.0_f64, 50.0, 75.0, 160.0] {
         let heading = heading.to_radians();
         let mut incline = incline(Motion::QuasiStatic);
@@ -76,7 +77,8 @@ fn slip_leaves_along_the_normal_of_the_ellipse() {
 
 #[test]
 fn sliding_block_feels_the_force_of_its_direction() {
-    // Thrown at an angle, a block feels f = -N (mu_1^2 v_1, mu_2^2 v_2) / |(mu_1 v_1, mu_2 v_2)|: the point of the ellipse whose normal is v.
+    // Thrown at an angle, a block feels f = -N (mu_1^2 v_1, mu_2^2 v_2) / |(mu_1
+    // v_1, mu_2 v_2)|: the point of the ellipse whose normal is v.
     for angle in [0.0_f64, 40.0, 90.0, 235.0] {
         let angle = angle.to_radians();
         let mut incline = incline(Motion::Inertial);

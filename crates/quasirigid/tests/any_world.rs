@@ -1,4 +1,5 @@
-//! The laws hold in any world: random bodies of random materials, thrown at each other and at the ground, or put into one another. And whatever they do, a copy does the same.
+//! The laws hold in any world: random bodies of random materials, thrown at each other and at the
+//! ground, or put into one another. And whatever they do, a copy does the same.
 
 use proptest::prelude::*;
 use quasirigid::body::{Amount, MassProperties, Motion, PoseDrive, RigidBody};
@@ -93,7 +94,8 @@ proptest! {
 
     #[test]
     fn laws_hold_whatever_meets(
-        things in prop::collection::vec(thing(), 1..5), ground in 0usize..64, dt in prop_oneof![Just(5e-4), Just(1e-3), Just(4e-3)], heaped in any::<bool>(),
+        things in prop::collection::vec(thing(), 1..5), ground in 0usize..64,
+        dt in prop_oneof![Just(5e-4), Just(1e-3), Just(4e-3)], heaped in any::<bool>(),
     ) {
         let cell = if heaped { 0.01 } else { 0.05 };
         let (mut world, bodies) = make_world(&things, ground, dt, cell, 1);
@@ -160,8 +162,10 @@ proptest! {
 
     #[test]
     fn a_world_that_is_restored_or_read_from_bytes_goes_on_bit_by_bit(
-        things in prop::collection::vec(thing(), 1..5), ground in 0usize..64, dt in prop_oneof![Just(5e-4), Just(1e-3), Just(4e-3)], heaped in any::<bool>(),
-        collision_every in prop_oneof![Just(1u32), Just(4)], at in 0usize..60, removed in prop::option::of(0usize..4), bad in prop::option::weighted(0.2, 0usize..4),
+        things in prop::collection::vec(thing(), 1..5), ground in 0usize..64,
+        dt in prop_oneof![Just(5e-4), Just(1e-3), Just(4e-3)], heaped in any::<bool>(),
+        collision_every in prop_oneof![Just(1u32), Just(4)], at in 0usize..60, removed in prop::option::of(0usize..4),
+        bad in prop::option::weighted(0.2, 0usize..4),
         second in prop::option::of(second()),
     ) {
         const MORE: usize = 500;

@@ -1,4 +1,5 @@
-//! Bad input: every public constructor and setter refuses what makes no sense, with a typed error that says what was expected, what came, and what to do.
+//! Bad input: every public constructor and setter refuses what makes no sense, with a
+//! typed error that says what was expected, what came, and what to do.
 
 use quasirigid::body::{Amount, Finger, FingerModel, HandModel, MassProperties, Motion, PoseDrive, RigidBody};
 use quasirigid::collider::{ComplianceModel, Material};

@@ -189,8 +189,9 @@ fn assembled_operator_is_the_matrix_free_one_symmetric_and_positive() {
     }
 }
 
-/// Gap and slip that a contact problem predicted against those of the step that followed, for a soft pad that presses, slides and turns on a plate.
-/// Returns the worst errors (m) of gap and slip over all steps and loaded contacts, and the largest displacement of a step (m).
+/// Gap and slip that a contact problem predicted against those of the step that followed, for a soft
+/// pad that presses, slides and turns on a plate. Returns the worst errors (m) of gap and slip over
+/// all steps and loaded contacts, and the largest displacement of a step (m).
 fn predicted_against_done(model: ComplianceModel, dt: Real) -> (Real, Real, Real) {
     let mut world = World::new(Parameters { dt, gravity: Vec3::zeros(), ..Parameters::default() }).unwrap();
     let pulp = Material::preset("fingertip_pulp").unwrap().with_friction(0.6).unwrap().with_model(model).unwrap();

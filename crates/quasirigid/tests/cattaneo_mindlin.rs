@@ -1,4 +1,5 @@
-//! Cattaneo and Mindlin: a pressed ball is pushed sideways. Stick radius and tangential force within 5 %; loading, unloading and reloading close a loop.
+//! Cattaneo and Mindlin: a pressed ball is pushed sideways. Stick radius and
+//! tangential force within 5 %; loading, unloading and reloading close a loop.
 
 #[path = "common/closed_forms.rs"]
 mod closed_forms;

@@ -1,5 +1,5 @@
-//! Changes between two steps: materials that change while they touch, bodies that are taken out, handles of another world. What is not touched by a change goes on as if
-//! nothing had happened.
+//! Changes between two steps: materials that change while they touch, bodies that are taken out, handles
+//! of another world. What is not touched by a change goes on as if nothing had happened.
 
 use quasirigid::body::{Amount, MassProperties, Motion, RigidBody};
 use quasirigid::collider::{ComplianceModel, Material};

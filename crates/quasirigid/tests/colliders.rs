@@ -1,4 +1,5 @@
-//! Bodies and what touches on them: colliders in stable slots, on any link, with filters. What is not touched by a change goes on as if nothing had happened.
+//! Bodies and what touches on them: colliders in stable slots, on any link, with
+//! filters. What is not touched by a change goes on as if nothing had happened.
 
 use proptest::prelude::*;
 use quasirigid::body::{Amount, HandModel, MassProperties, Motion, RigidBody};
@@ -353,7 +354,8 @@ fn a_link_of_a_finger_carries_colliders_of_its_own() {
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
-    /// Bodies and colliders come and go between steps; every handle names what it was given for, or is refused, and every contact is of two that are there.
+    /// Bodies and colliders come and go between steps; every handle names what it was
+    /// given for, or is refused, and every contact is of two that are there.
     #[test]
     fn handles_name_what_they_were_given_for_whatever_else_comes_and_goes(actions in prop::collection::vec((0..6u8, 0..100usize), 1..40)) {
         let mut world = world(9.81);

@@ -1,4 +1,5 @@
-//! Collision: every control point that touches is found, once, from the finer side, under a stable key; a small budget makes it coarser, and says so.
+//! Collision: every control point that touches is found, once, from the finer side,
+//! under a stable key; a small budget makes it coarser, and says so.
 
 use quasirigid::body::{Amount, MassProperties, Motion, PoseDrive, RigidBody};
 use quasirigid::collider::{ComplianceModel, Material};

@@ -1,4 +1,5 @@
-//! Looking at the surfaces only in every fourth step changes next to nothing: what is held does not creep, and what rolls and slides feels the same force.
+//! Looking at the surfaces only in every fourth step changes next to nothing: what is
+//! held does not creep, and what rolls and slides feels the same force.
 
 use quasirigid::body::{Amount, MassProperties, Motion, PoseDrive, RigidBody};
 use quasirigid::collider::Material;
@@ -30,7 +31,8 @@ fn a_pinched_box_does_not_creep() {
     }
 }
 
-/// Forces (N) on a soft pad that rolls over a ball and slides on it, at up to 0.05 m/s, over 300 steps, and how many of its contacts were projected anew.
+/// Forces (N) on a soft pad that rolls over a ball and slides on it, at up to 0.05
+/// m/s, over 300 steps, and how many of its contacts were projected anew.
 fn forces_of_a_dance(collision_every: u32) -> (Vec<Vec3>, usize) {
     let mut world = World::new(Parameters { gravity: Vec3::zeros(), collision_every, ..Parameters::default() }).unwrap();
     let surface = |points, control| Arc::new(Surface::build(points, Some(control)).unwrap());

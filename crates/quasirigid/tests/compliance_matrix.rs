@@ -1,4 +1,5 @@
-//! A user's own compliance matrix: one that equals a built-in model gives what the model gives, on either side of a pair; and it holds, repeats and allocates as they do.
+//! A user's own compliance matrix: one that equals a built-in model gives what the model
+//! gives, on either side of a pair; and it holds, repeats and allocates as they do.
 
 #[path = "common/matrices.rs"]
 mod matrices;
@@ -50,7 +51,8 @@ fn pressures(world: &World) -> BTreeMap<u32, Vec3> {
     all.filter(|(_, f)| f.x > 0.0).map(|(contact, f)| (contact.control_point, f / contact.area)).collect()
 }
 
-/// Presses, pushes aside, twists and lets go half of it; returns the largest difference of a pressure in any step, over the peak of that step.
+/// Presses, pushes aside, twists and lets go half of it; returns the largest
+/// difference of a pressure in any step, over the peak of that step.
 fn worst_difference(options: &IndentationOptions) -> Real {
     let mut scenes = [Indentation::new(options).unwrap(), Indentation::new(&with_matrices(options)).unwrap()];
     let path = |k: usize| {

@@ -1,5 +1,6 @@
-//! Deep penetration: bodies that were put into each other come out on the near side, no faster than the push-out speed: next to no energy where they overlap by millimetres,
-//! though it may be most of what an overlap of tenths is worth; a jump into a body gives no more than it took.
+//! Deep penetration: bodies that were put into each other come out on the near side, no faster than the
+//! push-out speed: next to no energy where they overlap by millimetres, though it may be most of what an
+//! overlap of tenths is worth; a jump into a body gives no more than it took.
 
 use quasirigid::body::{Amount, MassProperties, Motion, RigidBody};
 use quasirigid::collider::{ComplianceModel, Material};
@@ -188,7 +189,8 @@ fn a_jump_of_5_mm_into_a_box_in_one_step_gives_no_more_energy_than_it_took() {
         }
         let at = world.body(object).unwrap().pose().translation.z;
         println!(
-            "gravity {gravity}, {depth} m: work {work:.2e} J, energy at most {most:.2e} J, largest rise in a step {rise:.1e} J, box at {at:.1e} m"
+            "gravity {gravity}, {depth} m: work {work:.2e} J, energy at most {most:.2e} J, \
+             largest rise in a step {rise:.1e} J, box at {at:.1e} m"
         );
         assert!(work > 1e-3 && most < work, "{depth} m: {most:e} J from {work:e} J of work");
         assert!(rise < 0.01 * most, "{depth} m: energy rises by {rise:e} J in a step, {most:e} J in all");

@@ -1,5 +1,5 @@
-//! Full penetration: bodies that were put into each other by half or more, one inside the other, or on the same centre come apart the shortest way, no faster
-//! than smaller overlaps do; and the report names the pair until they have.
+//! Full penetration: bodies that were put into each other by half or more, one inside the other, or on the same centre come
+//! apart the shortest way, no faster than smaller overlaps do; and the report names the pair until they have.
 
 use quasirigid::body::{Amount, MassProperties, Motion, RigidBody};
 use quasirigid::collider::Material;
@@ -68,7 +68,8 @@ fn apart(world: &World, [a, b]: [BodyHandle; 2]) -> Vec3 {
     world.body(b).unwrap().pose().translation.vector - world.body(a).unwrap().pose().translation.vector
 }
 
-/// Steps until nothing of one is in the other. Returns how far they have moved against each other, m, and whether the pair was ever reported.
+/// Steps until nothing of one is in the other. Returns how far they have moved
+/// against each other, m, and whether the pair was ever reported.
 fn come_apart(world: &mut World, pair: [BodyHandle; 2], depth: Real, what: &str) -> (Vec3, bool) {
     let start = apart(world, pair);
     let speed = world.parameters().push_out_speed;

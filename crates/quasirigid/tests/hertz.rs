@@ -1,4 +1,5 @@
-//! Hertz: a sphere on a flat, half-space model. Force within 2 %, contact radius within one control spacing, pressure within 5 % of its peak.
+//! Hertz: a sphere on a flat, half-space model. Force within 2 %, contact radius
+//! within one control spacing, pressure within 5 % of its peak.
 
 #[path = "common/closed_forms.rs"]
 mod closed_forms;
@@ -70,7 +71,8 @@ fn pressure_profile_is_that_of_hertz() {
         let mut scene = indentation(pair, 0.0, 800, true);
         let middle = press(&mut scene, DEPTH);
         let hertz = Hertz::new(DEPTH, pair);
-        // Rings as wide as two spacings, over which force and area are summed; in the last the border of the contact cuts through control points.
+        // Rings as wide as two spacings, over which force and area are summed; in the
+        // last the border of the contact cuts through control points.
         let width = 2.0 * spacing(&scene);
         let mut rings = vec![(0.0, 0.0); (1.2 * hertz.a / width) as usize + 1];
         let (mut worst, mut at): (Real, Real) = (0.0, 0.0);

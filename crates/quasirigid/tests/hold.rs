@@ -1,5 +1,5 @@
-//! Hold: an object inside the friction cone does not creep, ever. After settling it moves less than 1 nm/s and turns less than 10 nrad/s; and what is turned about by the hand
-//! that holds it is afterwards where it was in the hand.
+//! Hold: an object inside the friction cone does not creep, ever. After settling it moves less than 1 nm/s and turns less
+//! than 10 nrad/s; and what is turned about by the hand that holds it is afterwards where it was in the hand.
 
 use quasirigid::body::{Motion, RigidBody};
 use quasirigid::collider::{ComplianceModel, Material};
@@ -37,7 +37,8 @@ fn pinched_box_does_not_creep(model: Option<ComplianceModel>, motion: Motion, dt
     // 2 mu N = 4.8 N against a weight of 1.96 N.
     pinch.squeeze(4.0).unwrap();
     pinch.set_gravity(Vec3::new(0.0, 0.0, -9.81)).unwrap();
-    // With inertia the box swings about the line through the pads, on springs of patch torsion that damp it by the factor e in about a second.
+    // With inertia the box swings about the line through the pads, on springs of
+    // patch torsion that damp it by the factor e in about a second.
     pinch.run(if motion == Motion::Inertial { 6.0 } else { 1.0 });
     let height = pinch.world.body(pinch.object).unwrap().pose().translation.z;
     let (speed, spin, unconverged) = drift(&mut pinch.world, pinch.object, 0.5);

@@ -1,4 +1,5 @@
-//! Quarantine: a body that becomes non-finite is rolled back, quarantined and reported once; the others go on. Handles outlive their bodies as errors.
+//! Quarantine: a body that becomes non-finite is rolled back, quarantined and
+//! reported once; the others go on. Handles outlive their bodies as errors.
 
 use quasirigid::body::{Amount, BodyEntry, MassProperties, Motion, PoseDrive, RigidBody};
 use quasirigid::collider::Material;
@@ -32,7 +33,8 @@ fn table(world: &mut World) -> BodyHandle {
     world.add_body(RigidBody::fixed("table", Pose::identity()).unwrap(), Some((surface, Material::preset("wood").unwrap()))).unwrap()
 }
 
-/// Three balls on a table, two of them touching; the last one is spoilt. It is reported exactly once, stays where it was, and the rest is at rest as before.
+/// Three balls on a table, two of them touching; the last one is spoilt. It is reported
+/// exactly once, stays where it was, and the rest is at rest as before.
 fn spoilt(what: &str, motion: Motion, spoil: impl Fn(&mut RigidBody)) {
     let mut world = World::new(Parameters::default()).unwrap();
     table(&mut world);

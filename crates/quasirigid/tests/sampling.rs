@@ -1,6 +1,8 @@
-//! Sampling: results do not depend on how finely a surface is sampled. F(d) changes by less than 3 % when the spacing halves, and converges.
+//! Sampling: results do not depend on how finely a surface is sampled. F(d)
+//! changes by less than 3 % when the spacing halves, and converges.
 //!
-//! The coarsest patches have a dozen closed contacts; with fewer the change is larger (4 % from 18 to 70 contacts of an elongated pad, seen in a trial).
+//! The coarsest patches have a dozen closed contacts; with fewer the change is larger
+//! (4 % from 18 to 70 contacts of an elongated pad, seen in a trial).
 
 use quasirigid::body::{Amount, MassProperties, Motion, PoseDrive, RigidBody};
 use quasirigid::collider::{ComplianceModel, Material};

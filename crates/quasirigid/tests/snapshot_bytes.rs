@@ -162,7 +162,8 @@ proptest! {
 
     #[test]
     fn spoilt_bytes_are_refused_or_make_a_world_that_can_be_stepped(
-        seed in 0usize..2, changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4), cut in prop::option::weighted(0.2, any::<prop::sample::Index>()),
+        seed in 0usize..2, changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
+        cut in prop::option::weighted(0.2, any::<prop::sample::Index>()),
     ) {
         let mut spoilt = SEEDS[seed].clone();
         for (place, byte) in changes {

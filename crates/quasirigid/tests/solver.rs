@@ -25,7 +25,8 @@ fn assert_converged(problem: &Problem, solution: &Solution) {
     assert!(independent <= 1.01e-8, "reported {:e}, found {independent:e}", report.residual);
 }
 
-/// Within one step four corners, each with a tenth of the block's own compliance, give way by 1/40 of what the block would: force in series.
+/// Within one step four corners, each with a tenth of the block's own
+/// compliance, give way by 1/40 of what the block would: force in series.
 const SHARE: Real = 1.0 / (1.0 + 0.1 / 4.0);
 
 #[test]
@@ -155,7 +156,8 @@ fn sweeps_never_exceed_the_cap() {
     assert!(late.report.stop == Stop::TimeBudget || late.report.stop.converged(), "{:?}", late.report);
 }
 
-/// A rigid block in a rigid gap that is too narrow: no forces help, however large. They must not count as a solution because they are large.
+/// A rigid block in a rigid gap that is too narrow: no forces help, however
+/// large. They must not count as a solution because they are large.
 #[test]
 fn problem_without_solution_is_not_called_converged() {
     let d = Mat3::identity() * 1e-5;

@@ -1,4 +1,5 @@
-//! Sphere trees: leaves cover the surface without holes, at rest and deformed; control areas add up; the number of leaves is the one asked for.
+//! Sphere trees: leaves cover the surface without holes, at rest and deformed;
+//! control areas add up; the number of leaves is the one asked for.
 
 use proptest::prelude::*;
 use quasirigid::body::{Amount, MassProperties, Motion, RigidBody};

@@ -1,4 +1,5 @@
-//! A box that stands on a support smaller than its face rests: contacts at the support's edge stay on its top, from step to step what was predicted comes true.
+//! A box that stands on a support smaller than its face rests: contacts at the support's
+//! edge stay on its top, from step to step what was predicted comes true.
 
 use quasirigid::delassus::Delassus;
 use quasirigid::math::Vec3;

@@ -1,5 +1,5 @@
-//! Steps that have to end in time: what the solver leaves unfinished in one step it goes on with in the next. Nothing gains energy, nothing held is dropped or creeps, and what comes to
-//! rest does so where it would have without a limit.
+//! Steps that have to end in time: what the solver leaves unfinished in one step it goes on with in the next. Nothing gains
+//! energy, nothing held is dropped or creeps, and what comes to rest does so where it would have without a limit.
 
 use quasirigid::body::{Amount, MassProperties, Motion, RigidBody};
 use quasirigid::collider::Material;
@@ -82,8 +82,8 @@ fn held() -> GraspScene {
     scene
 }
 
-/// Moves the hand up and down by 2 mm for half a second, then leaves it still for one. Returns the pose of the object at the end, its speeds (m/s and rad/s) there, how far it
-/// moved in the last half second, and the steps that were cut short.
+/// Moves the hand up and down by 2 mm for half a second, then leaves it still for one. Returns the pose of the object at the end,
+/// its speeds (m/s and rad/s) there, how far it moved in the last half second, and the steps that were cut short.
 fn shaken(scene: &mut GraspScene) -> (Pose, [Real; 2], Real, usize) {
     let base = scene.world.hand(scene.hand).unwrap().base;
     let (mut cut, mut before) = (0, Pose::identity());
@@ -111,7 +111,8 @@ fn a_held_object_that_is_shaken_under_a_limit_that_cuts_stays_held_and_does_not_
         let (pose, speeds, drift, cut) = shaken(&mut scene);
         let off = apart(&free, &pose);
         println!(
-            "{limit} sweeps: {cut} steps cut short, {off:.1e} m from where it is without, {speeds:.1?} m/s and rad/s, {drift:.1e} m in half a second"
+            "{limit} sweeps: {cut} steps cut short, {off:.1e} m from where it is without, \
+             {speeds:.1?} m/s and rad/s, {drift:.1e} m in half a second"
         );
         assert!(cut > 100, "{limit} sweeps: only {cut} steps were cut short");
         assert!(off < 2e-5, "{limit} sweeps: {off:e} m from where it is without a limit");

@@ -98,11 +98,13 @@ fn coefficient_follows_the_stribeck_curve() {
 
 #[test]
 fn block_on_a_pulled_spring_sticks_and_slips_as_the_textbook_says() {
-    // Block of mass m on a spring of stiffness k whose end moves at V; y: stretch beyond mu_k N / k, v: speed of the block, w = sqrt(k/m). It sticks until y = y_0 = (mu_s - mu_k) N / k. Then
-    // dy/dt = V - v and dv/dt = w^2 y, so v = V (1 - cos wt) + w y_0 sin wt, which is zero again at wt = 2 (pi - atan(w y_0 / V)), with y = -y_0. Each cycle therefore
-    // lasts 2 y_0 / V + 2 (pi - atan(w y_0 / V)) / w. The stretch is largest and smallest where v = V, in between: y = +-sqrt(y_0^2 + (V/w)^2).
-    // That is the limit of a small Stribeck velocity: with a larger one the block is longer under way to kinetic friction, while the spring is pulled on. With a smaller one
-    // than that the surface is too soft: where mu'(v) p exceeds k tau, its damping, the lightly loaded side of the block runs away on its own and takes the rest along too early.
+    // Block of mass m on a spring of stiffness k whose end moves at V; y: stretch beyond mu_k N / k, v: speed of the block, w =
+    // sqrt(k/m). It sticks until y = y_0 = (mu_s - mu_k) N / k. Then dy/dt = V - v and dv/dt = w^2 y, so v = V (1 - cos wt) + w y_0
+    // sin wt, which is zero again at wt = 2 (pi - atan(w y_0 / V)), with y = -y_0. Each cycle therefore lasts 2 y_0 / V + 2 (pi -
+    // atan(w y_0 / V)) / w. The stretch is largest and smallest where v = V, in between: y = +-sqrt(y_0^2 + (V/w)^2). That is the
+    // limit of a small Stribeck velocity: with a larger one the block is longer under way to kinetic friction, while the spring is
+    // pulled on. With a smaller one than that the surface is too soft: where mu'(v) p exceeds k tau, its damping, the lightly loaded
+    // side of the block runs away on its own and takes the rest along too early.
     let (mu_s, mu_k, m, k, pull) = (0.6, 0.3, 0.1, 40.0_f64, 0.03);
     let dt = 4e-4;
     let hard = Material::preset("rubber").unwrap().with_elasticity(4e7, 0.45, 5e-3).unwrap();

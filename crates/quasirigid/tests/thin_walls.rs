@@ -1,4 +1,5 @@
-//! Thin walls: what comes at a plate as thick as a step is long does not go through it, whatever the phase of the step, the angle, and who is soft or light.
+//! Thin walls: what comes at a plate as thick as a step is long does not go through it,
+//! whatever the phase of the step, the angle, and who is soft or light.
 
 use quasirigid::body::{Amount, MassProperties, Motion, PoseDrive, RigidBody};
 use quasirigid::collider::Material;
@@ -25,7 +26,8 @@ struct Shot {
     material: &'static str,
 }
 
-/// A plate in the plane z = 0, and a ball that has its lowest point `before` (m) ahead of the plane or rim through `at`, coming along `way` at 1 m/s.
+/// A plate in the plane z = 0, and a ball that has its lowest point `before` (m)
+/// ahead of the plane or rim through `at`, coming along `way` at 1 m/s.
 fn shoot(shot: &Shot, at: Vec3, way: Vec3, before: Real, turn: Real) -> (World, BodyHandle, BodyHandle) {
     let mut world = World::new(Parameters { gravity: Vec3::zeros(), ..Parameters::default() }).unwrap();
     let size = Vec3::new(2.0 * HALF_WIDTH, 2.0 * HALF_WIDTH, shot.thickness);

@@ -1,4 +1,5 @@
-//! Soft-finger torsion: a patch resists twist, with (3 pi/16) mu P a in full slip, within 5 %. Without friction, or in a point, it does not.
+//! Soft-finger torsion: a patch resists twist, with (3 pi/16) mu P a in full
+//! slip, within 5 %. Without friction, or in a point, it does not.
 
 #[path = "common/closed_forms.rs"]
 mod closed_forms;
@@ -112,7 +113,8 @@ fn moment_of_both(mu: Real) -> Real {
     2.0 * 3.0 * PI / 16.0 * mu * SQUEEZE * a
 }
 
-/// Turns the block about the axis through both pads by `torque` (N m), brought up in 0.4 s; the rate (rad/s) at which it turns `settle` seconds later.
+/// Turns the block about the axis through both pads by `torque` (N m), brought up in
+/// 0.4 s; the rate (rad/s) at which it turns `settle` seconds later.
 fn twist(pinch: &mut Pinch, torque: Real, settle: Real) -> Real {
     for k in 1..=100 {
         let torque = Vec3::x() * torque * (0.01 * Real::from(k)).min(1.0);
@@ -155,7 +157,8 @@ fn a_point_contact_does_not_resist() {
     turn(&mut scene, depth, 0.0);
     let closed: Vec<usize> = (0..scene.world.contacts().len()).filter(|&i| scene.world.contact_problem().reactions[i].x > 0.0).collect();
     assert_eq!(closed.len(), 1, "contacts at a depth of {depth} m");
-    // Turned about the vertical through it, the ball moves on a small circle about it. It starts softly: a step is exact for a twist that goes on as in the last two.
+    // Turned about the vertical through it, the ball moves on a small circle about it. It
+    // starts softly: a step is exact for a twist that goes on as in the last two.
     let p = scene.world.contacts()[closed[0]].point;
     let (mut angle, mut turned): (Real, Real) = (0.0, 0.0);
     while angle < 0.5 {

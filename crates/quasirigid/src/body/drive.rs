@@ -61,17 +61,18 @@ impl PoseDrive {
     ///
     /// with e = (target centre - centre, rotation vector of R_target R^T).
     ///
-    /// A limited spring saturates. Of the pull P = K e + D v on a body at rest it has the share r = min(1, F_max / |P|), so that K e and D v become r K e
-    /// and r D v. D is |r P| / v_max at least: a body that nothing holds comes to the speed v_max at most. If the pull on the body as it
-    /// moves now (w: its velocity) is still too large, all of it is weakened by s = min(1, F_max / |r P - D w|):
+    /// A limited spring saturates. Of the pull P = K e + D v on a body at rest it has the share r = min(1,
+    /// F_max / |P|), so that K e and D v become r K e and r D v. D is |r P| / v_max at least: a body that
+    /// nothing holds comes to the speed v_max at most. If the pull on the body as it moves now (w: its
+    /// velocity) is still too large, all of it is weakened by s = min(1, F_max / |r P - D w|):
     ///
     /// ```text
     ///     F = s (r K (e - dx) + r D v - D dx/dt)
     /// ```
     ///
-    /// F is linear in dx, so the step stays implicit and stable. It is within F_max where the body is at rest in the step and where it keeps its
-    /// velocity, and so for all velocities between. The spring is passive: where dx shortens it, it does no more work than the spring with the
-    /// force min(K |e|, F_max) has stored.
+    /// F is linear in dx, so the step stays implicit and stable. It is within F_max where the body is at rest in the
+    /// step and where it keeps its velocity, and so for all velocities between. The spring is passive: where dx
+    /// shortens it, it does no more work than the spring with the force min(K |e|, F_max) has stored.
     pub(crate) fn add_to(&self, body: &DrivenBody, dt: Real, matrix: &mut Mat6, force: &mut Vec6) {
         let center = nalgebra::Point3::from(body.center_of_mass);
         let linear = self.target * center - body.pose * center;
@@ -151,7 +152,8 @@ mod tests {
     proptest! {
         #[test]
         fn a_limited_drive_pulls_within_its_limit_and_makes_no_energy(
-            error in -1.0..1.0, target_speed in -50.0..50.0, speed in -5.0..5.0, k in 0.0..1e5, d in 0.0..100.0, step in -1.0..1.0, dt in 1e-4..1e-2,
+            error in -1.0..1.0, target_speed in -50.0..50.0, speed in -5.0..5.0, k in 0.0..1e5, d in 0.0..100.0,
+            step in -1.0..1.0, dt in 1e-4..1e-2,
         ) {
             const LARGEST: Real = 40.0;
             let mut drive = PoseDrive::new(Pose::translation(error, 0.0, 0.0), [k, 0.0], [d, 0.0]).unwrap();

@@ -112,8 +112,8 @@ impl Body {
     /// Displacement (m, world) in this step of the material point at `point`, due to motion that is told from outside: a fixed
     /// body on its way to its target, or the base of a finger.
     ///
-    /// To first order in the motion, `t + theta x (p - o)`, o the origin of what moves: how far it may get. What a contact problem is made of is
-    /// [`crate::pair::RelativeMotion`].
+    /// To first order in the motion, `t + theta x (p - o)`, o the origin of what moves: how far it
+    /// may get. What a contact problem is made of is [`crate::pair::RelativeMotion`].
     pub fn prescribed_displacement(&self, point: &Vec3) -> Vec3 {
         let ((translation, theta), origin) = match self {
             Body::Rigid(body) => (body.prescribed_motion(), body.pose().translation.vector),

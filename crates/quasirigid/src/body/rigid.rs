@@ -106,8 +106,8 @@ impl RigidBody {
         &self.mass
     }
 
-    /// Gives the body another mass, centre of mass and inertia; pose and motion stay: the velocity is that of the new centre. A default viscosity follows the mass, one that
-    /// was chosen stays.
+    /// Gives the body another mass, centre of mass and inertia; pose and motion stay: the velocity is that
+    /// of the new centre. A default viscosity follows the mass, one that was chosen stays.
     ///
     /// # Errors
     /// A fixed body, which has no mass.
@@ -188,8 +188,9 @@ impl RigidBody {
         self.target_pose.as_ref()
     }
 
-    /// Puts the body elsewhere at once: no displacement in a step, no friction with what it touches. A free body keeps its velocities, world axes; a fixed one is at rest and
-    /// forgets where it was told to go. To carry things along, use [`RigidBody::move_to`].
+    /// Puts the body elsewhere at once: no displacement in a step, no friction with what it
+    /// touches. A free body keeps its velocities, world axes; a fixed one is at rest and forgets
+    /// where it was told to go. To carry things along, use [`RigidBody::move_to`].
     ///
     /// # Errors
     /// A pose that is not finite.

@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// Groups that a collider belongs to, and those that it meets, as sets of bits. Two colliders may touch if each of them meets a group of the other.
+/// Groups that a collider belongs to, and those that it meets, as sets of bits. Two
+/// colliders may touch if each of them meets a group of the other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Filter {
     /// Groups that it belongs to.

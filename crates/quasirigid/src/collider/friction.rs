@@ -6,9 +6,10 @@
 //! mu(v) = mu_k + (mu_s - mu_k) exp(-(v/v_s)^2)
 //! ```
 //!
-//! `mu_s`, `mu_k` static and kinetic coefficient (-), `v_s` Stribeck velocity (m/s), `c` viscous coefficient (Pa s/m), `A` area of the contact (m^2). The exponential is
-//! that of B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, *A survey of models, analysis tools and compensation methods for the control of machines with friction*,
-//! Automatica 30 (1994), section 2. With `mu_k = mu_s` and `c = 0` this is Coulomb's law, the default.
+//! `mu_s`, `mu_k` static and kinetic coefficient (-), `v_s` Stribeck velocity (m/s), `c` viscous coefficient (Pa s/m),
+//! `A` area of the contact (m^2). The exponential is that of B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, *A
+//! survey of models, analysis tools and compensation methods for the control of machines with friction*, Automatica 30
+//! (1994), section 2. With `mu_k = mu_s` and `c = 0` this is Coulomb's law, the default.
 //!
 //! With a [`Anisotropy`] the circle of Coulomb becomes an ellipse. `docs/friction.md` has the derivation.
 
@@ -16,24 +17,27 @@ use crate::error::{Error, Result, check_finite, check_non_negative, check_positi
 use crate::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
 
-/// Stribeck velocity where none is given, m/s: as in the simulations of C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky, *A new model for control of systems
-/// with friction*, IEEE Trans. Automatic Control 40 (1995).
+/// Stribeck velocity where none is given, m/s: as in the simulations of C. Canudas de Wit, H. Olsson, K. J. Astrom, P.
+/// Lischinsky, *A new model for control of systems with friction*, IEEE Trans. Automatic Control 40 (1995).
 pub const USUAL_STRIBECK_VELOCITY: Real = 1e-3;
 
 /// Larger coefficients are mistakes, and their squares are not far from where numbers end.
 const MOST_FRICTION: Real = 1e6;
 
-/// Ratios of the two axes of an ellipse that are accepted. Beyond, the tangential rows of the contact problem would differ by more than the solver's precision allows for.
+/// Ratios of the two axes of an ellipse that are accepted. Beyond, the tangential rows of the
+/// contact problem would differ by more than the solver's precision allows for.
 const RATIOS: std::ops::RangeInclusive<Real> = 0.01..=100.0;
 
-/// Friction of a material against itself, or of a pair in the friction table of a world. Plain data; [`Friction::check`] is called wherever one enters a world.
+/// Friction of a material against itself, or of a pair in the friction table of a world.
+/// Plain data; [`Friction::check`] is called wherever one enters a world.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Friction {
     /// `mu_s`: tangential over normal force at which a contact that sticks begins to slip (-).
     pub static_coefficient: Real,
     /// `mu_k`: the same while it slips fast (-). At most `mu_s`; equal for Coulomb's law.
     pub kinetic_coefficient: Real,
-    /// `v_s`: slip speed at which the coefficient has fallen by 63 % of the way from `mu_s` to `mu_k` (m/s). Without meaning if they are equal.
+    /// `v_s`: slip speed at which the coefficient has fallen by 63 % of the way
+    /// from `mu_s` to `mu_k` (m/s). Without meaning if they are equal.
     pub stribeck_velocity: Real,
     /// `c`: tangential traction per slip speed in a contact that slips (Pa s/m), on top of the above.
     pub viscous_coefficient: Real,
@@ -44,7 +48,8 @@ pub struct Friction {
 /// Friction that depends on the direction of slip, as on brushed metal, wood or scales: an ellipse instead of a circle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Anisotropy {
-    /// Direction along which the coefficients hold, unit vector in the frame of the surface's points (of a finger: of the link that carries the pad).
+    /// Direction along which the coefficients hold, unit vector in the frame of the
+    /// surface's points (of a finger: of the link that carries the pad).
     pub direction: Vec3,
     /// Coefficients across the direction over those along it (-), static and kinetic alike.
     pub ratio: Real,
@@ -61,7 +66,8 @@ impl Friction {
         Ok(friction)
     }
 
-    /// With a coefficient `kinetic` (-) that holds while a contact slips faster than about `stribeck_velocity` (m/s); [`USUAL_STRIBECK_VELOCITY`] if in doubt.
+    /// With a coefficient `kinetic` (-) that holds while a contact slips faster than about
+    /// `stribeck_velocity` (m/s); [`USUAL_STRIBECK_VELOCITY`] if in doubt.
     ///
     /// # Errors
     /// See [`Friction::check`].
@@ -104,8 +110,8 @@ impl Friction {
     /// Refuses what no friction is.
     ///
     /// # Errors
-    /// Non-finite numbers; a negative coefficient or one above 1e6; a kinetic coefficient above the static one; a Stribeck velocity <= 0; a ratio of the anisotropy outside 0.01 to 100, or a
-    /// direction of it that is no unit vector.
+    /// Non-finite numbers; a negative coefficient or one above 1e6; a kinetic coefficient above the static one; a Stribeck
+    /// velocity <= 0; a ratio of the anisotropy outside 0.01 to 100, or a direction of it that is no unit vector.
     pub fn check(&self) -> Result<()> {
         check_non_negative("friction coefficient", self.static_coefficient, "-")?;
         if self.static_coefficient > MOST_FRICTION {
@@ -155,10 +161,11 @@ impl Friction {
         stribeck(self.static_coefficient, self.kinetic_coefficient, self.stribeck_velocity, speed)
     }
 
-    /// By how much coefficients are larger against slip along the unit tangent `t` (frame of the points) than along the direction: `sqrt(t . T t)` with the friction
-    /// tensor `T = r^2 1 + (1 - r^2) d d^T`, `d` the direction and `r` the ratio.
+    /// By how much coefficients are larger against slip along the unit tangent `t` (frame of the points) than along the direction:
+    /// `sqrt(t . T t)` with the friction tensor `T = r^2 1 + (1 - r^2) d d^T`, `d` the direction and `r` the ratio.
     ///
-    /// In a tangent plane that holds `d` this is 1 along it and `r` across. In a plane to which `d` is normal it is `r` in all directions: every tangent is across the direction.
+    /// In a tangent plane that holds `d` this is 1 along it and `r` across. In a plane to which `d`
+    /// is normal it is `r` in all directions: every tangent is across the direction.
     pub fn share_along(&self, t: &Vec3) -> Real {
         self.anisotropy.as_ref().map_or(1.0, |anisotropy| {
             let (r2, along) = (anisotropy.ratio * anisotropy.ratio, anisotropy.direction.dot(t));

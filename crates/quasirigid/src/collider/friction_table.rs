@@ -85,16 +85,19 @@ impl PairFriction {
         self.law.viscous_coefficient
     }
 
-    /// `mu(v)` (-) of a contact with this frame, along its tangent1. `speed`: m/s; `turns`: rotations from the frames of the surfaces `a` and `b` to the world.
+    /// `mu(v)` (-) of a contact with this frame, along its tangent1. `speed`: m/s; `turns`:
+    /// rotations from the frames of the surfaces `a` and `b` to the world.
     pub fn coefficient(&self, frame: &Mat3, speed: Real, turns: [&Mat3; 2]) -> Real {
         let Some(anisotropic) = &self.anisotropic else { return self.law.coefficient(speed) };
         let [static_coefficient, kinetic_coefficient] = along(anisotropic, &frame.column(1).into_owned(), turns);
         stribeck(static_coefficient, kinetic_coefficient, self.law.stribeck_velocity, speed)
     }
 
-    /// Contact frame of a pair whose friction depends on the direction of slip, and `mu_2/mu_1` in it; `None` if friction is the same in all directions.
+    /// Contact frame of a pair whose friction depends on the direction of slip, and
+    /// `mu_2/mu_1` in it; `None` if friction is the same in all directions.
     ///
-    /// Columns (normal, tangent1, tangent2) in world axes, orthonormal. tangent1 lies along the direction: of the side whose ellipse is farther from a circle, if both have one.
+    /// Columns (normal, tangent1, tangent2) in world axes, orthonormal. tangent1 lies along the
+    /// direction: of the side whose ellipse is farther from a circle, if both have one.
     pub fn frame(&self, normal: &Vec3, turns: [&Mat3; 2]) -> Option<(Mat3, Real)> {
         let anisotropic = self.anisotropic.as_ref()?;
         let anisotropy = |side: usize| anisotropic.0[side].and_then(|friction| friction.anisotropy);
@@ -183,10 +186,11 @@ impl FrictionTable {
         self.entries.retain(|(x, y, _)| !is_gone(x) && !is_gone(y));
     }
 
-    /// Friction between surfaces of the bodies in slots `a` and `b`: the narrowest entry about them (two bodies, then a body and a material, then two materials; of equals the
-    /// one set last), else what the rule makes of their materials.
+    /// Friction between surfaces of the bodies in slots `a` and `b`: the narrowest entry about them (two bodies, then a body and
+    /// a material, then two materials; of equals the one set last), else what the rule makes of their materials.
     ///
-    /// A direction in an entry lies in the frame of the body named first; where the names do not tell the two apart, of `a` if `a_first`: of the body added first.
+    /// A direction in an entry lies in the frame of the body named first; where the names do
+    /// not tell the two apart, of `a` if `a_first`: of the body added first.
     pub(crate) fn pair(&self, [a, b]: [u32; 2], a_first: bool, [of_a, of_b]: [&Material; 2], rule: FrictionRule) -> PairFriction {
         let mut best: Option<(u32, PairFriction)> = None;
         for (x, y, friction) in &self.entries {
@@ -258,7 +262,9 @@ mod tests {
         }
 
         #[test]
-        fn two_directions_that_lie_square_combine_axis_by_axis(a in 0.2..5.0f64, b in 0.2..5.0f64, mu_a in 0.1..1.0f64, mu_b in 0.1..1.0f64) {
+        fn two_directions_that_lie_square_combine_axis_by_axis(
+            a in 0.2..5.0f64, b in 0.2..5.0f64, mu_a in 0.1..1.0f64, mu_b in 0.1..1.0f64,
+        ) {
             let on_a = coulomb(mu_a).with_anisotropy(Vec3::x(), a).unwrap();
             let on_b = coulomb(mu_b).with_anisotropy(Vec3::y(), b).unwrap();
             let turns = [&Mat3::identity(), &Mat3::identity()];

@@ -1,7 +1,8 @@
 //! The surface of a body as it is now: material, elastic displacement, deformed points and the spheres around them.
 //!
-//! Displacements of control points follow in every step. Points and spheres are worked out when somebody looks: the spheres when a pair of bodies is traversed anew, the
-//! points when they are asked for. In between [`Skin::travel`] bounds how far any point has gone.
+//! Displacements of control points follow in every step. Points and spheres are worked out when
+//! somebody looks: the spheres when a pair of bodies is traversed anew, the points when they are
+//! asked for. In between [`Skin::travel`] bounds how far any point has gone.
 
 mod stored;
 
@@ -149,7 +150,8 @@ impl Skin {
         leaves
     }
 
-    /// Elastic displacement of a point, tree order: `u = sum theta_k u_k` over control points near it, with weights that are positive and add up to 1 (eq. 8).
+    /// Elastic displacement of a point, tree order: `u = sum theta_k u_k` over control
+    /// points near it, with weights that are positive and add up to 1 (eq. 8).
     #[inline]
     fn displacement_of(&self, point: usize) -> Vec3 {
         let entries = self.surface.interpolation.range(point);
@@ -257,7 +259,8 @@ impl Skin {
         normals
     }
 
-    /// Shows the displacements that differ from those shown by more than the threshold. Returns how far any point has moved by that at most, m.
+    /// Shows the displacements that differ from those shown by more than the
+    /// threshold. Returns how far any point has moved by that at most, m.
     fn show_changed(&mut self, threshold: Real) -> Real {
         let Self { displacement, displaced, shown, shown_list, is_shown, changed, is_changed, .. } = self;
         let mut farthest2: Real = 0.0;

@@ -26,7 +26,8 @@ impl Bounds {
             let Some(skin) = side.active_skin() else { continue };
             let root = skin.bounding_sphere();
             let center = side.pose() * nalgebra::Point3::from(root.center);
-            // The displacement field is affine in the point, d(c + r) = d(c) + theta x r: |theta|^2 is half the sum over the axes of |theta x e|^2.
+            // The displacement field is affine in the point, d(c + r) = d(c) + theta x r:
+            // |theta|^2 is half the sum over the axes of |theta x e|^2.
             let at = |p: &Vec3| free_displacement(side, &free[collider.body as usize], p);
             let middle = at(&center.coords);
             let turned: Real =
@@ -52,8 +53,8 @@ impl Bounds {
     }
 }
 
-/// Colliders of one body never touch, and two fixed bodies have nothing to solve; fingers of one hand pass through each other by choice of the model (their pads never meet
-/// around an object). The rest is up to the filters.
+/// Colliders of one body never touch, and two fixed bodies have nothing to solve; fingers of one hand pass through each
+/// other by choice of the model (their pads never meet around an object). The rest is up to the filters.
 fn may_touch(objects: &Objects, i: u32, j: u32) -> bool {
     let (a, b) = (objects.side(i), objects.side(j));
     a.collider.body != b.collider.body

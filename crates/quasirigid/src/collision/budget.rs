@@ -1,8 +1,9 @@
-//! What a spent budget leaves in the queue of a traversal: fewer, larger contacts, each at the place of its node that comes nearest (time-critical collision, after
-//! Klein and Zachmann).
+//! What a spent budget leaves in the queue of a traversal: fewer, larger contacts, each at the place
+//! of its node that comes nearest (time-critical collision, after Klein and Zachmann).
 //!
-//! The traversal stops at a quarter of its budget. Of every node of `a` that is left one leaf is found with the rest: that which lies lowest over the place on `b` nearest to
-//! the middle of the node. Its control point stands for the node. If there are too many nodes to do so for each, those deepest in the tree give way to their parents.
+//! The traversal stops at a quarter of its budget. Of every node of `a` that is left one leaf is found with the rest: that
+//! which lies lowest over the place on `b` nearest to the middle of the node. Its control point stands for the node. If
+//! there are too many nodes to do so for each, those deepest in the tree give way to their parents.
 
 use super::cache::Coupled;
 use super::deep_overlap::nearest;
@@ -50,7 +51,8 @@ impl<F: Fn(&Vec3) -> Vec3, G: Fn(&Vec3) -> Vec3> Trees<'_, F, G> {
         nearest(stack, self.surface_b, &x, Real::INFINITY, |n| n.dot(&normal) < FACES).map(|(node_b, ..)| (leaf, node_b))
     }
 
-    /// Couples what is left in the `queue` at the cost of `tests` more sphere tests, in place of what is already `coupled` below the same nodes of `a`.
+    /// Couples what is left in the `queue` at the cost of `tests` more sphere tests, in
+    /// place of what is already `coupled` below the same nodes of `a`.
     pub(super) fn couple_queued(&self, stack: &mut Vec<u32>, queue: &mut [(u32, u32)], coupled: &mut Vec<Coupled>, tests: usize) {
         let most = (tests / TESTS).max(1);
         loop {
@@ -93,8 +95,8 @@ impl<F: Fn(&Vec3) -> Vec3, G: Fn(&Vec3) -> Vec3> Trees<'_, F, G> {
     }
 }
 
-/// Area of a node that is in contact where its control point is, m^2: the share of its leaves whose control points lie on or under the plane through the foot, at least the
-/// control point's own. `height`: of a control point at rest over that plane, m.
+/// Area of a node that is in contact where its control point is, m^2: the share of its leaves whose control points lie on or under the
+/// plane through the foot, at least the control point's own. `height`: of a control point at rest over that plane, m.
 pub(super) fn area_in_contact(surface: &Surface, node: &Node, control_point: usize, margin: Real, height: impl Fn(&Vec3) -> Real) -> Real {
     let count = node.leaf_count.min(SAMPLES);
     let leaf = |k: u32| (node.first_leaf + (2 * k + 1) * node.leaf_count / (2 * count)) as usize;

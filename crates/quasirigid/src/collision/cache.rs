@@ -1,4 +1,5 @@
-//! What the search for contacts remembers of a pair from step to step. It changes no result beyond rounding, but the last bits depend on it: a copy of a world takes it along.
+//! What the search for contacts remembers of a pair from step to step. It changes no result
+//! beyond rounding, but the last bits depend on it: a copy of a world takes it along.
 
 use crate::collider::Sphere;
 use crate::math::{Pose, Real, Rot, Vec3};
@@ -41,14 +42,16 @@ pub struct Coupled {
     pub node_b: u32,
 }
 
-/// The coupled nodes of a pair, and how far the two may move before they have to be found again (temporal coherence, which the paper proposes in section 4).
+/// The coupled nodes of a pair, and how far the two may move before they have to be
+/// found again (temporal coherence, which the paper proposes in section 4).
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Coupling {
     /// Ordered by control point.
     pub coupled: Vec<Coupled>,
     /// Margin by which the spheres were inflated, m; negative: nothing found yet.
     pub(super) margin: Real,
-    /// Whether control points were seen inside the other body, deeper than contact goes: those that the trees do not reach are then looked for, too.
+    /// Whether control points were seen inside the other body, deeper than contact
+    /// goes: those that the trees do not reach are then looked for, too.
     pub(super) deep: bool,
     /// Whether they were looked for since the nodes were found.
     pub(super) searched: bool,
@@ -58,7 +61,8 @@ pub struct Coupling {
     pub(super) faced: Rot,
     /// Since when, and for how far a motion (m), no control point has a chance to become a contact.
     pub(super) asleep: Option<(Moment, Real)>,
-    /// Whether control points were looked for deep inside since the nodes were found, because nothing pushed: bodies that have penetrated each other fully do not push.
+    /// Whether control points were looked for deep inside since the nodes were found, because
+    /// nothing pushed: bodies that have penetrated each other fully do not push.
     pub(super) examined: bool,
     /// Whether the last step found that the two have penetrated each other fully: the next one looks at the pair as a whole.
     pub(super) suspected: bool,
@@ -133,7 +137,8 @@ impl Default for Coupling {
     }
 }
 
-/// What a control point remembers of its last projection (temporal coherence, which the paper proposes in section 4). All in the frame of `b`.
+/// What a control point remembers of its last projection (temporal coherence,
+/// which the paper proposes in section 4). All in the frame of `b`.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct CachedProjection {
     /// Where the control point was projected from.
@@ -142,7 +147,8 @@ pub struct CachedProjection {
     pub(super) holds_for: Real,
     /// What was found there.
     pub(super) surface: Found,
-    /// Where it was at rest, without elastic displacement, if faces of the other surface meet near it: that decides which of them it belongs to.
+    /// Where it was at rest, without elastic displacement, if faces of the other
+    /// surface meet near it: that decides which of them it belongs to.
     pub(super) at_edge: Option<Vec3>,
     /// Whether it lies inside the other body by more than contact does, see [`crate::collision::deep_overlap`].
     pub(super) deep: bool,
@@ -151,7 +157,8 @@ pub struct CachedProjection {
 }
 
 impl CachedProjection {
-    /// `leaves` stands for the leaves that the control point is coupled with from now on. What was not there to be seen may be there now if they are others.
+    /// `leaves` stands for the leaves that the control point is coupled with from now on.
+    /// What was not there to be seen may be there now if they are others.
     pub(super) fn coupled_anew(&mut self, leaves: u32) {
         if leaves != self.leaves {
             self.turned();

@@ -1,23 +1,24 @@
 //! Control points so deep in the other body that no leaves overlap there: bodies that were put into each other.
 //!
-//! The trees find what is near a surface. Of a fingertip that stands half in a box they find a ring of leaves around the place where the two surfaces cross, whose normals
-//! look along the face: nothing that could push it out. When the control points near the surface say that they overlap by more than what ordinary contact
-//! does, all others are asked whether they are inside. Ordinary contact never does: its gaps, elastic displacement in them, are zero to rounding.
+//! The trees find what is near a surface. Of a fingertip that stands half in a box they find a ring of leaves around the place
+//! where the two surfaces cross, whose normals look along the face: nothing that could push it out. When the control points
+//! near the surface say that they overlap by more than what ordinary contact does, all others are asked whether they are
+//! inside. Ordinary contact never does: its gaps, elastic displacement in them, are zero to rounding.
 
 use super::cache::Coupled;
 use crate::math::{Real, Vec3};
 use crate::surface::Surface;
 use crate::surface::implicit::FACES;
 
-/// A face that the control point looks at is its way out if it is no farther than this many times the nearest face of all. Half way into a box
-/// the sides of a fingertip would else ask for the far walls.
+/// A face that the control point looks at is its way out if it is no farther than this many times the nearest
+/// face of all. Half way into a box the sides of a fingertip would else ask for the far walls.
 const DETOUR: Real = 1.5;
 
 /// Least share of the way to the nearest point that goes along that point's normal: beyond the rim of an open surface there is no inside.
 const UNDER: Real = 0.7;
 
-/// Couples every control point that lies inside `b` and is not coupled yet with the leaf that holds its way out. `place` gives a control point in the frame of `b` and
-/// its normal there. Returns whether there was any.
+/// Couples every control point that lies inside `b` and is not coupled yet with the leaf that holds its way out.
+/// `place` gives a control point in the frame of `b` and its normal there. Returns whether there was any.
 pub(super) fn couple_points_inside(
     stack: &mut Vec<u32>,
     coupled: &mut Vec<Coupled>,
@@ -92,7 +93,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn inside_of_a_box_is_told_from_outside_and_the_nearest_point_is_that_of_a_search_of_all(x in prop::array::uniform3(-0.04..0.04f64)) {
+        fn inside_of_a_box_is_told_from_outside_and_the_nearest_point_is_that_of_a_search_of_all(
+            x in prop::array::uniform3(-0.04..0.04f64),
+        ) {
             let surface = Surface::build(shapes::sample_box(Vec3::new(0.05, 0.04, 0.03), 2_400).unwrap(), None).unwrap();
             let x = Vec3::from(x);
             let mut stack = Vec::new();

@@ -1,8 +1,9 @@
 //! Stage 2: which control points touch, or are about to (design 3.2).
 //!
-//! Geometry is frozen at the start of the step: poses and deformation as the last step left them. What the free motion adds to
-//! gap and slip enters linearly in the contact problem, with the same Jacobians as the reactions. `docs/step.md` says why: seen at the pose
-//! after the free motion, a body at rest would be compared with a place where it never is, and the mismatch of second order would be a creep.
+//! Geometry is frozen at the start of the step: poses and deformation as the last step left them. What the free
+//! motion adds to gap and slip enters linearly in the contact problem, with the same Jacobians as the
+//! reactions. `docs/step.md` says why: seen at the pose after the free motion, a body at rest would be compared
+//! with a place where it never is, and the mismatch of second order would be a creep.
 
 mod broad_phase;
 mod budget;
@@ -55,8 +56,8 @@ impl Collision {
     }
 }
 
-/// Finds all contacts. `pairs` grows when two colliders meet for the first time; then `friction` is asked for theirs. `step`: number of the step, for
-/// [`Parameters::collision_every`].
+/// Finds all contacts. `pairs` grows when two colliders meet for the first time; then `friction` is
+/// asked for theirs. `step`: number of the step, for [`Parameters::collision_every`].
 pub(crate) fn collision(
     out: &mut Collision,
     objects: &mut Objects,
@@ -103,7 +104,8 @@ mod tests {
     use crate::world::{BodyHandle, World};
     use std::sync::Arc;
 
-    /// A box on a pedestal over a coarse mat, which couples with every control point of its bottom, and a fingertip that pushes at its side.
+    /// A box on a pedestal over a coarse mat, which couples with every control
+    /// point of its bottom, and a fingertip that pushes at its side.
     fn scene() -> (World, BodyHandle) {
         let surface = |points, control| Arc::new(Surface::build(points, Some(control)).unwrap());
         let stuff = |name| Material::preset(name).unwrap();

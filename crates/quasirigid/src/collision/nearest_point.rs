@@ -1,4 +1,5 @@
-//! Of the coupled leaves: which faces they lie on, the point nearest to a control point, and the points that decide where the surface is there.
+//! Of the coupled leaves: which faces they lie on, the point nearest to a control
+//! point, and the points that decide where the surface is there.
 
 use super::cache::Coupled;
 use crate::collider::Skin;
@@ -15,8 +16,8 @@ pub(super) fn faces_meet(coupled: &[Coupled], skin_b: &Skin) -> bool {
     coupled.iter().any(|c| normal(c).dot(normal(&coupled[0])) < SAME_FACE)
 }
 
-/// Of the coupled nodes, the one with the point nearest to `x` among those that face the control point. Of the leaves that claim a control point the
-/// nearest keeps it; looking at points alone finds it without projecting on each.
+/// Of the coupled nodes, the one with the point nearest to `x` among those that face the control point. Of the leaves that
+/// claim a control point the nearest keeps it; looking at points alone finds it without projecting on each.
 pub(super) fn nearest_node(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_a: &Vec3) -> Option<(u32, usize)> {
     let surface = &skin_b.surface;
     let mut best: Option<(Real, u32, usize)> = None;
@@ -79,8 +80,8 @@ impl Border {
         border
     }
 
-    /// The leaf's own points first, then those of others in rising order. Where there is no room for so many pieces the last one grows: the points in between
-    /// are too far away to have weight, but none that has is left out.
+    /// The leaf's own points first, then those of others in rising order. Where there is no room for so many pieces the
+    /// last one grows: the points in between are too far away to have weight, but none that has is left out.
     fn push(&mut self, range: Range<u32>) {
         if self.count > 0 && self.list[self.count - 1].end == range.start {
             self.list[self.count - 1].end = range.end;

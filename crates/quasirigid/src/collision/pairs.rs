@@ -6,12 +6,12 @@ use crate::objects::Objects;
 use crate::pair::{Pair, friction_between};
 use crate::params::Parameters;
 
-/// Steps for which two colliders that are no longer near stay a pair, though nothing is left to remember: that two part and meet again costs no new memory. Then the pair is
-/// forgotten, or in a heap that is stirred there would soon be one for every two bodies.
+/// Steps for which two colliders that are no longer near stay a pair, though nothing is left to remember: that two part and meet again
+/// costs no new memory. Then the pair is forgotten, or in a heap that is stirred there would soon be one for every two bodies.
 const KEPT: u32 = 1_000;
 
-/// Marks the pairs that are near, adds those that are new and forgets those that have been apart for long, keeping the list sorted by the slots of the colliders. `caches` has what the search
-/// remembers of each pair, in the same order.
+/// Marks the pairs that are near, adds those that are new and forgets those that have been apart for long, keeping the list
+/// sorted by the slots of the colliders. `caches` has what the search remembers of each pair, in the same order.
 pub(super) fn match_pairs(
     pairs: &mut Vec<Pair>,
     caches: &mut Vec<PairCache>,
@@ -29,7 +29,8 @@ pub(super) fn match_pairs(
     retain_pairs(pairs, caches, |pair| pair.steps_apart < KEPT || !pair.is_idle());
     for &(i, j) in near {
         let (Some(skin_i), Some(skin_j)) = (objects.side(i).active_skin(), objects.side(j).active_skin()) else { continue };
-        // A pair is sampled once, from the side with the finer control points: counted neither twice nor not at all. Of two that are equal, from the one added first.
+        // A pair is sampled once, from the side with the finer control points: counted neither
+        // twice nor not at all. Of two that are equal, from the one added first.
         let spacings = [skin_i, skin_j].map(|skin| skin.surface.control.spacing);
         let finer_first = spacings[0] < spacings[1] || (spacings[0] == spacings[1] && objects.colliders.added_before(i, j));
         let (a, b, skins) = if finer_first { (i, j, [skin_i, skin_j]) } else { (j, i, [skin_j, skin_i]) };

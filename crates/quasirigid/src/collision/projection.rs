@@ -16,18 +16,19 @@ use crate::surface::implicit::{Cloud, FACES, project};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// A projection farther from the nearest sample than this many leaf gaps (half the distance to a close neighbour) has left the border of its leaf.
+/// A projection farther from the nearest sample than this many leaf gaps (half the
+/// distance to a close neighbour) has left the border of its leaf.
 const BORDER_GAPS: Real = 1.5;
 
 /// A control point that lies this many leaf gaps under the other surface lies deeper than contact goes.
 const DEEP: Real = 1.0;
 
-/// Cosine of the angle with their mean that the normals of contacts make at most which push two bodies out of each other together. At a corner
-/// of a box it is 0.58.
+/// Cosine of the angle with their mean that the normals of contacts make at most which push
+/// two bodies out of each other together. At a corner of a box it is 0.58.
 const IN_COMMON: Real = 0.3;
 
-/// A control point that nothing faces, or whose projection had to be rejected, is looked at again once it has moved by this many spacings of the other surface; one where
-/// faces meet once its place at rest has. No projection is kept for longer.
+/// A control point that nothing faces, or whose projection had to be rejected, is looked at again once it has moved by this many
+/// spacings of the other surface; one where faces meet once its place at rest has. No projection is kept for longer.
 const SLACK: Real = 0.05;
 
 /// [`Parameters::projection_slack`] is meant for this radius of curvature, m.
@@ -71,8 +72,8 @@ pub(super) struct StepGeometry<'a> {
     pub refresh: bool,
 }
 
-/// Every control point with a coupled leaf becomes a contact if it is near enough. Where what it remembers no longer holds it is projected first, once, from
-/// the leaf that holds the nearest point that faces it.
+/// Every control point with a coupled leaf becomes a contact if it is near enough. Where what it remembers no
+/// longer holds it is projected first, once, from the leaf that holds the nearest point that faces it.
 pub(super) fn project_control_points(
     scratch: &mut Scratch,
     pairs: &[Pair],
@@ -212,7 +213,8 @@ struct View<'a> {
     shift_b: Vec3,
     turn_ba: Mat3,
     shift_ba: Vec3,
-    /// Displacement of `a` against `b` by free and prescribed motion at the point `x`, all in the frame of `b`: `drift + shear x`. Bodies are rigid, so it is affine.
+    /// Displacement of `a` against `b` by free and prescribed motion at the point `x`, all in
+    /// the frame of `b`: `drift + shear x`. Bodies are rigid, so it is affine.
     drift: Vec3,
     shear: Mat3,
     params: &'a Parameters,
@@ -304,10 +306,12 @@ impl<'a> View<'a> {
         })
     }
 
-    /// Whether a control point, at `rest` without elastic displacement, has passed the edge between the face of point `own` of `b` and another face that it looks at.
+    /// Whether a control point, at `rest` without elastic displacement, has passed the edge
+    /// between the face of point `own` of `b` and another face that it looks at.
     ///
-    /// A control point stands for half a spacing around it, so a face reaches that far beyond its edge; what is then inside it can leave over the other face, too. Its way
-    /// out there is that half spacing less its height over the other face: the face is its own while its depth is less.
+    /// A control point stands for half a spacing around it, so a face reaches that far beyond its edge;
+    /// what is then inside it can leave over the other face, too. Its way out there is that half spacing
+    /// less its height over the other face: the face is its own while its depth is less.
     fn is_past_edge(&self, coupled: &[Coupled], rest: &Vec3, own: usize, normal_a: &Vec3) -> bool {
         let surface = &self.skin_b.surface;
         let (p1, n1) = (&surface.points[own], &surface.normals[own]);
@@ -340,10 +344,12 @@ impl<'a> View<'a> {
             return CachedProjection { surface, ..nothing() };
         }
         let normal_a = self.turn_ba * self.skin_a.surface.control.normals[control_point];
-        // Where faces meet, the one that the control point has least way to at rest is its own. Seen from where it is pressed to it would stay with a face that it has long passed.
+        // Where faces meet, the one that the control point has least way to at rest is its own. Seen
+        // from where it is pressed to it would stay with a face that it has long passed.
         let at_edge = faces_meet(coupled, self.skin_b).then(|| self.at_rest(control_point));
         let Some((node_b, nearest)) = nearest_node(coupled, self.skin_b, at_edge.as_ref().unwrap_or(x), &normal_a) else {
-            // Whether anything faces it is a matter of directions alone, so this holds for as long as it stays outside; a turn or other leaves make it look anew.
+            // Whether anything faces it is a matter of directions alone, so this holds for as
+            // long as it stays outside; a turn or other leaves make it look anew.
             let height = height_over_nearest(coupled, self.skin_b, x).unwrap_or(0.0);
             return CachedProjection { deep: height < -DEEP * surface.spacing, holds_for: height.max(slack), ..nothing() };
         };
@@ -353,7 +359,8 @@ impl<'a> View<'a> {
             return CachedProjection { at_edge, ..nothing() };
         }
         let leaf_b = surface.tree.nodes[node_b as usize].first_leaf as usize;
-        // The plane of the nearest point is off by far less than a leaf gap: most control points can be told to be apart without a projection.
+        // The plane of the nearest point is off by far less than a leaf gap: most
+        // control points can be told to be apart without a projection.
         let plane_gap = surface.normals[nearest].dot(&(x - surface.points[nearest] - pair.side_b.displacement[leaf_b]));
         // The border is that of where the projection goes: deep inside, far from `x`.
         let goal = if plane_gap < -surface.kernel.cutoff() { x - surface.normals[nearest] * plane_gap } else { *x };
@@ -367,8 +374,9 @@ impl<'a> View<'a> {
         let (points, normals) = (&surface.points, &surface.normals);
         let cloud = Cloud { points, normals, ranges: border.ranges(), kernel: &surface.kernel, facing: Some(&facing) };
         let Some(q) = project(x, &cloud, params.projection_tolerance, MOST_PROJECTIONS) else { return nothing() };
-        // Artefacts of high curvature: a surface that does not face the control point, or a foot beyond the border of the leaf. So far beyond that only a row of points has
-        // weight they do not say which way the surface lies, and the foot is not under the control point.
+        // Artefacts of high curvature: a surface that does not face the control point, or a foot beyond
+        // the border of the leaf. So far beyond that only a row of points has weight they do not say
+        // which way the surface lies, and the foot is not under the control point.
         let aside = |v: Vec3| (v - q.normal * q.normal.dot(&v)).norm();
         let border_width = BORDER_GAPS * border.gap;
         if q.normal.dot(&normal_a) >= FACES
@@ -377,7 +385,8 @@ impl<'a> View<'a> {
         {
             return nothing();
         }
-        // Deep under a face that looks the other way, yet outside: the far side of something thin that a fast body is about to meet on its near side.
+        // Deep under a face that looks the other way, yet outside: the far side of
+        // something thin that a fast body is about to meet on its near side.
         if q.normal.dot(&(q.point - x)) > surface.spacing && is_outside(coupled, self.skin_b, x) {
             return nothing();
         }
@@ -388,8 +397,9 @@ impl<'a> View<'a> {
     }
 }
 
-/// How far a control point may go over a surface of this curvature (1/m) until its tangent plane is off by as much as after `slack` (m) over [`SLACK_RADIUS`]: an error of
-/// `slack^2 / (2 R)`. Only where the other surface does not yield: its displacement changes from place to place, whatever its shape.
+/// How far a control point may go over a surface of this curvature (1/m) until its tangent plane is off by as
+/// much as after `slack` (m) over [`SLACK_RADIUS`]: an error of `slack^2 / (2 R)`. Only where the other
+/// surface does not yield: its displacement changes from place to place, whatever its shape.
 fn slack_of(slack: Real, curvature: Real) -> Real {
     slack * (1.0 / (SLACK_RADIUS * curvature)).sqrt().clamp(1.0, 1e6)
 }
@@ -421,7 +431,8 @@ mod tests {
         world
     }
 
-    /// Largest differences of gap (m), foot (m) and normal (-) of the contacts from `truth`, which has them for a place in the frame of the fixed body.
+    /// Largest differences of gap (m), foot (m) and normal (-) of the contacts from
+    /// `truth`, which has them for a place in the frame of the fixed body.
     fn worst(contacts: &[Contact], place: &Pose, truth: impl Fn(&Vec3) -> (Real, Vec3, Vec3)) -> [Real; 3] {
         let off = contacts.iter().map(|contact| {
             let (gap, foot, normal) = truth(&place.inverse_transform_point(&contact.point.into()).coords);
@@ -446,7 +457,8 @@ mod tests {
         world.step();
         let [gap, foot, normal] = worst(world.contacts(), &place, |x| (x.norm() - large, x.normalize() * large, x.normalize()));
         println!("sphere: {} contacts, gap {gap:.1e} m, foot {foot:.1e} m, normal {normal:.1e}", world.contacts().len());
-        // The surface is known by points 1.4 mm apart: a plane through them would be off by 8 micrometres, the smooth surface is off by far less.
+        // The surface is known by points 1.4 mm apart: a plane through them would be
+        // off by 8 micrometres, the smooth surface is off by far less.
         assert!(
             world.contacts().len() > 15 && gap < 1e-7 && foot < 2e-6 && normal < 5e-3,
             "gap {gap:e} m, foot {foot:e} m, normal {normal:e}"

@@ -1,15 +1,17 @@
 //! Bodies that have penetrated each other fully: by half of their thickness or more, or one wholly inside the other.
 //!
-//! Control points then lie nearer to the wrong face than to the one that they came through, or not inside the other body at all, and looking for the way out
-//! point by point ([`super::deep_overlap`]) finds nothing that pushes. The pair is therefore looked at as a whole. With `d` a unit vector, `x` control points of `a` and
+//! Control points then lie nearer to the wrong face than to the one that they came through, or not inside the other
+//! body at all, and looking for the way out point by point ([`super::deep_overlap`]) finds nothing that pushes. The
+//! pair is therefore looked at as a whole. With `d` a unit vector, `x` control points of `a` and
 //! `p` those of `b`,
 //!
 //! ```text
 //! depth(d) = max_p d . p - min_x d . x
 //! ```
 //!
-//! is how far `a` has to move along `d` until a plane parts the two (Cameron 1997, "Enhancing GJK", equation 1: the penetration depth of convex bodies is the least
-//! of these; of others it is an upper bound). Contacts with this one normal then part them like any other overlap, at the push-out speed, until no point of one lies in the other.
+//! is how far `a` has to move along `d` until a plane parts the two (Cameron 1997, "Enhancing GJK", equation 1: the
+//! penetration depth of convex bodies is the least of these; of others it is an upper bound). Contacts with this one normal
+//! then part them like any other overlap, at the push-out speed, until no point of one lies in the other.
 
 use super::deep_overlap::depth_inside;
 use crate::math::{Real, Vec3};
@@ -22,13 +24,15 @@ const DIRECTIONS: usize = 64;
 const ROUNDS: u32 = 4;
 const FIRST_TURN: Real = 0.2;
 
-/// A surface faces a direction if somewhere its normal makes no more than 45 degrees with it: there is no way out through the back of an open surface.
+/// A surface faces a direction if somewhere its normal makes no more than 45 degrees
+/// with it: there is no way out through the back of an open surface.
 const FACING: Real = 0.7;
 
 /// Control points whose normals make less than 60 degrees with the direction bear the contacts.
 const BEARING: Real = 0.5;
 
-/// Another direction has to be shorter than this share of the last one to replace it: of equal ways the bodies keep to the one that they began with.
+/// Another direction has to be shorter than this share of the last one to replace
+/// it: of equal ways the bodies keep to the one that they began with.
 const KEPT: Real = 0.9;
 
 /// Of so many control points one is looked at to find out whether two bodies that do not push each other have penetrated fully.
@@ -45,8 +49,8 @@ pub(super) struct Overlap<'a, F: Fn(usize) -> (Vec3, Vec3)> {
 }
 
 impl<F: Fn(usize) -> (Vec3, Vec3)> Overlap<'_, F> {
-    /// Whether some place is inside both bodies, deeper than contact goes: the middle of one, of the other, or between the two. For bodies with the same centre
-    /// and of the same size that is all there is to see.
+    /// Whether some place is inside both bodies, deeper than contact goes: the middle of one, of the other, or
+    /// between the two. For bodies with the same centre and of the same size that is all there is to see.
     pub(super) fn middle_is_inside_both(&self, stack: &mut Vec<u32>, center_a: &Vec3, center_b: &Vec3) -> bool {
         let mut is_deep = |surface: &Surface, x: &Vec3| depth_inside(stack, surface, x).is_some_and(|depth| depth > surface.spacing);
         [*center_a, *center_b, 0.5 * (center_a + center_b)]
@@ -54,7 +58,8 @@ impl<F: Fn(usize) -> (Vec3, Vec3)> Overlap<'_, F> {
             .any(|x| is_deep(self.surface_b, x) && is_deep(self.surface_a, &(self.to_a)(x)))
     }
 
-    /// Whether a control point of one, of every `stride` of them, lies inside the other by more than `depth`, as a share of the spacing of its points.
+    /// Whether a control point of one, of every `stride` of them, lies inside the other
+    /// by more than `depth`, as a share of the spacing of its points.
     pub(super) fn points_are_inside(&self, stack: &mut Vec<u32>, stride: usize, depth: Real) -> bool {
         let mut is_deep =
             |surface: &Surface, x: &Vec3| depth_inside(stack, surface, x).is_some_and(|found| found > depth * surface.spacing);
@@ -63,8 +68,8 @@ impl<F: Fn(usize) -> (Vec3, Vec3)> Overlap<'_, F> {
             || control_b.points.iter().step_by(stride).any(|p| is_deep(self.surface_a, &(self.to_a)(p)))
     }
 
-    /// The unit direction (frame of `b`) along which `a` has least way to leave `b`. `None` if there is none on which the two surfaces face each other. Of
-    /// equal ones that of `last`, or the first in a fixed order.
+    /// The unit direction (frame of `b`) along which `a` has least way to leave `b`. `None` if there is none on which
+    /// the two surfaces face each other. Of equal ones that of `last`, or the first in a fixed order.
     pub(super) fn shortest_way(&self, last: Option<Vec3>) -> Option<Vec3> {
         let (points_a, points_b) = (self.surface_a.control.len(), self.surface_b.control.len());
         let mut best: Option<(Real, Vec3)> = last.and_then(|way| Some((KEPT * self.depth(&way)?, way)));
@@ -109,8 +114,8 @@ impl<F: Fn(usize) -> (Vec3, Vec3)> Overlap<'_, F> {
         (facing_b > FACING && facing_a < -FACING).then_some(top - bottom)
     }
 
-    /// Control points of `a` that bear a contact along `way`, each with the control point of `b` on the same line: those of the far side of `a` with `b` in
-    /// front of them. At least one.
+    /// Control points of `a` that bear a contact along `way`, each with the control point of `b` on the
+    /// same line: those of the far side of `a` with `b` in front of them. At least one.
     pub(super) fn bearing(&self, way: &Vec3, mut found: impl FnMut(u32, u32)) {
         let control_b = &self.surface_b.control;
         let mut nearest_of_all: Option<(Real, u32, u32)> = None;

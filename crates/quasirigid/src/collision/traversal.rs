@@ -1,6 +1,7 @@
 //! Two sphere trees against each other, breadth-first, within a budget of sphere tests.
 //!
-//! Breadth-first, so that a traversal that runs out of budget has gone equally deep everywhere: [`crate::collision::budget`] couples what is then left in the queue.
+//! Breadth-first, so that a traversal that runs out of budget has gone equally deep
+//! everywhere: [`crate::collision::budget`] couples what is then left in the queue.
 
 use super::budget::{LEAST, Trees};
 use super::cache::{CachedProjection, Coupled, Coupling, Moment, PairCache};
@@ -13,8 +14,8 @@ use crate::pair::Pair;
 use crate::params::Parameters;
 use std::time::{Duration, Instant};
 
-/// Coupled nodes are kept until the bodies have moved by this many spacings of the coarser control points, if that is more than [`Parameters::traversal_slack`]:
-/// beside spheres of that size the few nodes more that are found are no work.
+/// Coupled nodes are kept until the bodies have moved by this many spacings of the coarser control points, if that is more than
+/// [`Parameters::traversal_slack`]: beside spheres of that size the few nodes more that are found are no work.
 const SLACK_SPACINGS: Real = 0.1;
 
 /// Turned by more than this against each other, other points of two surfaces may face each other, rad.
@@ -39,8 +40,8 @@ impl Traversal {
     }
 }
 
-/// Finds the coupled nodes of one pair, among spheres that are refitted first, unless those found before still hold: while the two have moved less than the slack they were inflated by,
-/// whatever overlaps now is among them.
+/// Finds the coupled nodes of one pair, among spheres that are refitted first, unless those found before still hold:
+/// while the two have moved less than the slack they were inflated by, whatever overlaps now is among them.
 pub(super) fn traverse(
     out: &mut Traversal,
     pair: &Pair,
@@ -85,7 +86,8 @@ pub(super) fn traverse(
     }
 }
 
-/// Whether control points of one, of every `stride` of them, lie inside the other, by more than `depth` of the spacing of its points; or the middle of both.
+/// Whether control points of one, of every `stride` of them, lie inside the other, by
+/// more than `depth` of the spacing of its points; or the middle of both.
 pub(super) fn have_penetrated(
     stack: &mut Vec<u32>,
     displacement: &[Vec3],
@@ -259,8 +261,10 @@ mod tests {
                     for &node_b in &tree_b.leaves {
                         let is_coupled = coupled.contains(&(node_a, node_b));
                         let (sphere_a, sphere_b) = (&skin_a.spheres[node_a as usize], &skin_b.spheres[node_b as usize]);
-                        let apart = (found * nalgebra::Point3::from(sphere_a.center) - nalgebra::Point3::from(sphere_b.center)).norm() - sphere_a.radius - sphere_b.radius;
-                        prop_assert!(!is_coupled || apart <= cache.coupling.margin, "coupled at {apart:e} m, margin {:e} m", cache.coupling.margin);
+                        let center_a = found * nalgebra::Point3::from(sphere_a.center);
+                        let apart = (center_a - nalgebra::Point3::from(sphere_b.center)).norm() - sphere_a.radius - sphere_b.radius;
+                        let margin = cache.coupling.margin;
+                        prop_assert!(!is_coupled || apart <= margin, "coupled at {apart:e} m, margin {margin:e} m");
                         if is_coupled || apart > 2e-3 {
                             continue;
                         }

@@ -1,5 +1,5 @@
-//! A controller that closes a hand: every pad travels along its closing direction until it touches, then presses with its share of the squeeze;
-//! then the joint targets are frozen, and the object is held by stiffness and friction alone.
+//! A controller that closes a hand: every pad travels along its closing direction until it touches, then presses with its share
+//! of the squeeze; then the joint targets are frozen, and the object is held by stiffness and friction alone.
 
 use super::inverse_kinematics::{IkOptions, TipGoal, inverse_kinematics};
 use crate::error::{Error, Result, check_finite, check_positive};
@@ -11,7 +11,8 @@ use serde::{Deserialize, Serialize};
 const CLOSING_SPEED: Real = 0.05;
 /// Most speed of a pad while it presses, m/s.
 const PRESSING_SPEED: Real = 0.02;
-/// How fast a pad moves per newton that is missing, m/(s N): with 0.2 to 2 kN/m of pad and finger in series the force settles in 20 to 250 ms.
+/// How fast a pad moves per newton that is missing, m/(s N): with 0.2 to 2 kN/m
+/// of pad and finger in series the force settles in 20 to 250 ms.
 const GAIN: Real = 0.02;
 /// A pad that presses with this much has touched, N.
 const TOUCH: Real = 0.02;
@@ -35,7 +36,8 @@ pub enum GripState {
     Squeezing,
     /// Joint targets are frozen.
     Holding,
-    /// Joint targets are frozen, though not every pad presses with its share: a motor is at its limit, or the finger is at the end of its reach.
+    /// Joint targets are frozen, though not every pad presses with its share: a
+    /// motor is at its limit, or the finger is at the end of its reach.
     Weak,
     /// Pads travel back.
     Opening,
@@ -57,8 +59,8 @@ pub struct PadPath {
 }
 
 impl PadPath {
-    /// One path for each finger, from as many starts (m), closing directions and shares. Without shares pads that close the same way, at less than a right angle to each
-    /// other, share the squeeze evenly.
+    /// One path for each finger, from as many starts (m), closing directions and shares. Without shares pads
+    /// that close the same way, at less than a right angle to each other, share the squeeze evenly.
     ///
     /// # Errors
     /// [`Error::InvalidShape`] if the three are not of one length.
@@ -106,8 +108,8 @@ impl Grip {
     /// `squeeze`: force (N) of the side with share 1.
     ///
     /// # Errors
-    /// [`Error::InvalidShape`] if there is not one path for each finger, [`Error::InvalidValue`] for numbers out of range and for a start that a finger
-    /// does not reach, [`Error::InvalidHandle`] for a hand that was removed.
+    /// [`Error::InvalidShape`] if there is not one path for each finger, [`Error::InvalidValue`] for numbers out of range
+    /// and for a start that a finger does not reach, [`Error::InvalidHandle`] for a hand that was removed.
     pub fn new(world: &mut World, hand: HandHandle, paths: &[PadPath], squeeze: Real) -> Result<Self> {
         check_positive("squeeze", squeeze, "N")?;
         let fingers = world.hand(hand)?.fingers.len();
@@ -156,10 +158,12 @@ impl Grip {
         self.hand
     }
 
-    /// The same controller for the hand of another world, which is a copy of the one that it was made in; or its state at another time, for the same world.
+    /// The same controller for the hand of another world, which is a copy of the one that
+    /// it was made in; or its state at another time, for the same world.
     ///
     /// # Errors
-    /// [`Error::InvalidHandle`] if `world` has no such hand, or one with other fingers; [`Error::InvalidValue`] for a controller that was read and holds what none does.
+    /// [`Error::InvalidHandle`] if `world` has no such hand, or one with other fingers;
+    /// [`Error::InvalidValue`] for a controller that was read and holds what none does.
     pub fn for_copy(&self, world: &World) -> Result<Self> {
         let hand = world.own_hand(self.hand)?;
         let joints = |finger: usize| world.finger(hand, finger).map(|finger| finger.model().dof());
@@ -253,7 +257,8 @@ impl Grip {
                 }
                 let mut settled = true;
                 for (finger, pad) in self.pads.iter_mut().enumerate() {
-                    // Where one pad gives all that it has, no other can press on against it: what it would travel had only to be taken back before it lets go.
+                    // Where one pad gives all that it has, no other can press on against it: what
+                    // it would travel had only to be taken back before it lets go.
                     if weak && is_short(finger) {
                         continue;
                     }

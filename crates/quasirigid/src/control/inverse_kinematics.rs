@@ -67,8 +67,8 @@ pub struct IkOptions {
     pub position_tolerance: Real,
     /// Converged below this angle error (rad). Default 1e-4.
     pub angle_tolerance: Real,
-    /// A search that gets no further ends: when a step moves no joint by more than this (rad). Default 1e-12, as far as a double can tell. A goal that moves
-    /// from step to step needs no more than it moves by.
+    /// A search that gets no further ends: when a step moves no joint by more than this (rad). Default 1e-12, as
+    /// far as a double can tell. A goal that moves from step to step needs no more than it moves by.
     pub step_tolerance: Real,
     /// Damped steps per start. Default 100.
     pub max_iterations: usize,

@@ -26,7 +26,8 @@ impl Assembled {
     /// `starts` has one entry more than there are contacts. Blocks in m/N, contact frames.
     ///
     /// # Errors
-    /// `InvalidShape` if the arrays do not fit together, `InvalidValue` for a non-finite entry or a diagonal block that is not positive definite.
+    /// `InvalidShape` if the arrays do not fit together, `InvalidValue` for a
+    /// non-finite entry or a diagonal block that is not positive definite.
     pub fn from_block_rows(starts: Vec<usize>, columns: Vec<u32>, values: Vec<Mat3>) -> Result<Self> {
         Self::from_rows(BlockRows::new(starts, columns, values)?)
     }

@@ -18,21 +18,26 @@
 //!    (Wt + s I) f_t = -bt,    Wt = W_tt - w_tn w_nt / w_nn,    bt = b_t - w_tn b_n / w_nn
 //!    ```
 //!
-//!    with one unknown `s >= 0` (m/N), the slip per unit of friction. `Wt` is symmetric positive definite, so `f_t(s)` is two divisions in its
-//!    eigenbasis. Stick failed, so at `s = 0` the force is outside the cone; for `s -> inf`, `f_t -> 0` and `f_n -> -b_n / w_nn > 0`, inside.
+//!    with one unknown `s >= 0` (m/N), the slip per unit of friction. `Wt` is
+//!    symmetric positive definite, so `f_t(s)` is two divisions in its
+//!    eigenbasis. Stick failed, so at `s = 0` the force is outside the cone; for
+//!    `s -> inf`, `f_t -> 0` and `f_n -> -b_n / w_nn > 0`, inside.
 //!    The root in between is found by Newton's method on `mu f_n / |f_t| - 1`, which is almost a straight line in `s` (exactly
 //!    one if `W` is isotropic in the tangent plane and uncoupled), kept inside a bracket.
 //!
-//! **Drag.** A contact may have a viscous drag `d` (N/m, force per displacement over the step; 0 unless [`ContactBlock::set_drag`] says otherwise) on top, while it slips:
+//! **Drag.** A contact may have a viscous drag `d` (N/m, force per displacement over the step;
+//! 0 unless [`ContactBlock::set_drag`] says otherwise) on top, while it slips:
 //!
 //! ```text
 //! |f_t| < mu f_n  =>  delta_t = 0;      delta_t /= 0  =>  f_t = -(mu f_n / |delta_t| + d) delta_t
 //! ```
 //!
-//! With `delta_t = -s f_t` that is `(1 - d s) |f_t| = mu f_n`: the same one unknown, `psi(s) = mu f_n / |f_t| - 1 + d s` with its root in `0 < s <= 1/d`. Implicit: no drag is too
-//! large. If drag alone would lift the contact (`f_n < 0` at `s = 1/d`), it just touches, `f_n = 0 = delta_n`, and drags by the share that leaves it there.
+//! With `delta_t = -s f_t` that is `(1 - d s) |f_t| = mu f_n`: the same one unknown, `psi(s) = mu f_n / |f_t| - 1 + d s` with
+//! its root in `0 < s <= 1/d`. Implicit: no drag is too large. If drag alone would lift the contact (`f_n < 0` at `s = 1/d`),
+//! it just touches, `f_n = 0 = delta_n`, and drags by the share that leaves it there.
 //!
-//! A single contact with strong coupling may have more than one solution (Painleve). The order above then decides: open before stick before slip.
+//! A single contact with strong coupling may have more than one solution
+//! (Painleve). The order above then decides: open before stick before slip.
 
 use super::project_on_cone;
 use crate::math::{Mat3, Real, Vec3};
@@ -175,7 +180,8 @@ impl ContactBlock {
         [-(b_n + self.coupling[0] * f1 + self.coupling[1] * f2) * self.inverse_nn, f1, f2]
     }
 
-    /// The force with `f_n = 0 = delta_n` and `delta_t = -s f_t`, in the eigenbasis: the larger root of `(lambda_1 + s)(lambda_2 + s) f_n(s) = 0`, a quadratic in `s`.
+    /// The force with `f_n = 0 = delta_n` and `delta_t = -s f_t`, in the eigenbasis: the larger
+    /// root of `(lambda_1 + s)(lambda_2 + s) f_n(s) = 0`, a quadratic in `s`.
     fn touching(&self, bt: &[Real; 2], b_n: Real) -> [Real; 3] {
         let [l1, l2] = self.eigenvalues;
         let [g1, g2] = [self.coupling[0] * bt[0], self.coupling[1] * bt[1]];
@@ -236,7 +242,8 @@ impl ContactBlock {
             }
         }
         if drag > 0.0 {
-            // The rows hold at any s, and s is good to its last bit. The widened cone mu / (1 - d s) is not: near s = 1/d its digits cancel.
+            // The rows hold at any s, and s is good to its last bit. The widened cone
+            // mu / (1 - d s) is not: near s = 1/d its digits cancel.
             return [f[0].max(0.0), f[1], f[2]];
         }
         // Exactly on the cone: keep the direction d of the friction, solve w_nn f_n + mu f_n w_nt . d + b_n = 0, set |f_t| = mu f_n.
@@ -312,7 +319,10 @@ mod tests {
             prop_assert!(status != ContactStatus::Stick || f == ContactBlock::new(&w).unwrap().solve(&b, mu).0, "drag while stuck");
             // What is left without drag obeys Coulomb's law at the displacement that the whole makes.
             let map = crate::delassus::natural_map(&delta, &coulomb, mu, block.rho());
-            prop_assert!(map.norm() <= 1e-9 * (f.norm() + block.rho() * b.norm()), "{status:?}: natural map {:e} of {:e}", map.norm(), f.norm());
+            let (violation, force) = (map.norm(), f.norm());
+            prop_assert!(
+                violation <= 1e-9 * (force + block.rho() * b.norm()), "{status:?}: natural map {violation:e} of {force:e}"
+            );
         }
 
         #[test]
@@ -326,7 +336,9 @@ mod tests {
         }
 
         #[test]
-        fn turning_the_tangents_turns_the_force(w in spd(), b in prop::array::uniform3(-1.0..1.0f64), mu in 0.05..0.6f64, angle in -3.0..3.0f64) {
+        fn turning_the_tangents_turns_the_force(
+            w in spd(), b in prop::array::uniform3(-1.0..1.0f64), mu in 0.05..0.6f64, angle in -3.0..3.0f64,
+        ) {
             let b = Vec3::from(b);
             let turn = rotation_about_normal(angle);
             let (f, status) = ContactBlock::new(&w).unwrap().solve(&b, mu);
@@ -346,7 +358,8 @@ mod tests {
             // For every direction of friction the normal row gives f; the law holds where delta_t is parallel to f_t and against it.
             let ray_at = |angle: Real| Vec3::new(1.0, mu * angle.cos(), mu * angle.sin());
             let force_at = |angle: Real| ray_at(angle) * (-b.x / (w * ray_at(angle)).x);
-            // Times the denominator of the force, so that there is no pole beside a root: strong coupling brings them within a step of each other.
+            // Times the denominator of the force, so that there is no pole beside a
+            // root: strong coupling brings them within a step of each other.
             let across = |angle: Real| {
                 let moved = w * ray_at(angle);
                 let delta = moved * -b.x + b * moved.x;

@@ -5,15 +5,15 @@ use crate::math::{Mat3, Real, Vec3};
 
 /// `T = -dS/db` (N/m) of one contact with block `w`, at displacement `b` (m) and its solution `f` (N).
 ///
-/// Open: 0. Stick: `W^-1`. Slip: the equations `W f + s P f + b = 0`, with `P` the tangential part and `s` the slip per friction, and `|f_t|^2 = mu^2 f_n^2`,
-/// differentiated: with `M = W + s P`, `u = M^-1 (0, f_t)` and `v = (-mu^2 f_n, f_t)`,
+/// Open: 0. Stick: `W^-1`. Slip: the equations `W f + s P f + b = 0`, with `P` the tangential part and `s` the slip per friction,
+/// and `|f_t|^2 = mu^2 f_n^2`, differentiated: with `M = W + s P`, `u = M^-1 (0, f_t)` and `v = (-mu^2 f_n, f_t)`,
 ///
 /// ```text
 /// M df + (0, f_t) ds = -db,   v . df = 0      =>      T = M^-1 - u (M^-1 v)^T / (v . u)
 /// ```
 ///
-/// With a drag `d` (N/m) the last equation is `(1 - d s) |f_t| = mu f_n`: `v = (-mu |f_t|, (1 - d s) f_t)`, and `d |f_t|^2` is added to `v . u`. Where drag holds the contact
-/// at `f_n = 0` it is `f_n = 0`: `v = (1, 0)`.
+/// With a drag `d` (N/m) the last equation is `(1 - d s) |f_t| = mu f_n`: `v = (-mu |f_t|, (1 - d s) f_t)`, and `d |f_t|^2`
+/// is added to `v . u`. Where drag holds the contact at `f_n = 0` it is `f_n = 0`: `v = (1, 0)`.
 pub(crate) fn slope(w: &Mat3, b: &Vec3, mu: Real, drag: Real, f: &Vec3, status: ContactStatus) -> Mat3 {
     match status {
         ContactStatus::Open => Mat3::zeros(),

@@ -6,13 +6,15 @@
 //! W_deform = axes_i^T (g_ij I + K_ij) axes_j           between contacts of one patch
 //! ```
 //!
-//! `J S` is 3x6 (contact rows over the factored coordinates of a body; unused columns zero), so the rigid part of a row of `W f` is `(J S) y` with one
-//! accumulator `y = sum (J S)^T f` of 6 numbers per body. `axes` is the rotation from a contact frame to the elastic axes of its patch, where an
-//! isotropic compliance is one number `g` (m/N) per pair and the forces `F_j = axes_j f_j` need turning once, not once per pair. A row then costs two
-//! 3x6 products and one multiply-add of a 3-vector per neighbour.
+//! `J S` is 3x6 (contact rows over the factored coordinates of a body; unused columns zero), so the rigid part
+//! of a row of `W f` is `(J S) y` with one accumulator `y = sum (J S)^T f` of 6 numbers per body. `axes` is the
+//! rotation from a contact frame to the elastic axes of its patch, where an isotropic compliance is one number
+//! `g` (m/N) per pair and the forces `F_j = axes_j f_j` need turning once, not once per pair. A row then costs
+//! two 3x6 products and one multiply-add of a 3-vector per neighbour.
 //!
-//! Filled contact by contact: [`MatrixFree::clear`], then for each contact [`MatrixFree::push_contact`] followed by the entries of its elastic row
-//! ([`MatrixFree::push_isotropic`], [`MatrixFree::push_tensor`]), then [`MatrixFree::finish`]. The memory is kept from one step to the next.
+//! Filled contact by contact: [`MatrixFree::clear`], then for each contact [`MatrixFree::push_contact`]
+//! followed by the entries of its elastic row ([`MatrixFree::push_isotropic`],
+//! [`MatrixFree::push_tensor`]), then [`MatrixFree::finish`]. The memory is kept from one step to the next.
 
 mod stored;
 
@@ -68,7 +70,8 @@ impl MatrixFree {
         Self::default()
     }
 
-    /// Forgets all contacts but keeps their elastic rows: for the same contacts in the same order, given by [`MatrixFree::push_contact`] alone, whose rigid part is new.
+    /// Forgets all contacts but keeps their elastic rows: for the same contacts in the same
+    /// order, given by [`MatrixFree::push_contact`] alone, whose rigid part is new.
     pub fn clear_rigid(&mut self, bodies: usize) {
         self.contacts.clear();
         self.blocks.clear();
@@ -94,7 +97,8 @@ impl MatrixFree {
     /// Adds a contact between body slots `a` and `b` ([`NO_BODY`] for a side that does not move).
     ///
     /// `ja`, `jb`: `J S` of each side in the contact frame, with the sign that makes `ja y_a + jb y_b` the relative displacement (m).
-    /// `axes`: from the contact frame to the elastic axes of the patch, a rotation (with a column scaled where friction is anisotropic); any if there is no elastic row.
+    /// `axes`: from the contact frame to the elastic axes of the patch, a rotation (with a
+    /// column scaled where friction is anisotropic); any if there is no elastic row.
     pub fn push_contact(&mut self, a: u32, ja: &Mat3x6, b: u32, jb: &Mat3x6, axes: &Mat3) {
         if !self.rows_kept {
             self.isotropic_starts.push(self.isotropic_columns.len() as u32);
@@ -127,7 +131,8 @@ impl MatrixFree {
     /// Prepares the diagonal blocks and sets all reactions to zero.
     ///
     /// # Errors
-    /// The first contact that cannot be solved: its block is not finite and positive definite, or it names a body or a contact that does not exist.
+    /// The first contact that cannot be solved: its block is not finite and positive
+    /// definite, or it names a body or a contact that does not exist.
     pub fn finish(&mut self) -> Result<(), usize> {
         let n = self.contacts.len();
         if self.isotropic_starts.len() != n {
@@ -149,8 +154,8 @@ impl MatrixFree {
         Ok(())
     }
 
-    /// Takes out the contacts for which `keep` is false, with their reactions; all reactions of a patch go or stay. What others do stays the same bits, but at bodies that lose a
-    /// reaction.
+    /// Takes out the contacts for which `keep` is false, with their reactions; all reactions of a patch
+    /// go or stay. What others do stays the same bits, but at bodies that lose a reaction.
     pub(crate) fn retain(&mut self, keep: impl Fn(usize) -> bool) {
         let n = self.contacts.len();
         let mut places = vec![0; n];

@@ -18,8 +18,8 @@ use crate::math::{Mat3, Vec3};
 /// The Delassus operator with the reactions it is applied to. It maps contact forces to relative displacements at the contacts,
 /// all in contact frames (normal, tangent1, tangent2).
 ///
-/// The operator holds a copy of the reactions in whatever form makes a row cheap: as they are ([`crate::delassus::Assembled`]), or already summed
-/// body by body and turned to the axes of the elastic patches ([`crate::delassus::MatrixFree`]).
+/// The operator holds a copy of the reactions in whatever form makes a row cheap: as they are ([`crate::delassus::Assembled`]),
+/// or already summed body by body and turned to the axes of the elastic patches ([`crate::delassus::MatrixFree`]).
 pub trait Delassus {
     /// Number of contacts.
     fn len(&self) -> usize;
@@ -41,7 +41,8 @@ pub trait Delassus {
     /// `f_i += change`, N.
     fn add_reaction(&mut self, i: usize, change: &Vec3);
 
-    /// Replaces `b` (N) by the `d` with `left_i (W d)_i + diagonal_i d_i = b_i`, if this operator has factors for that and they are cheap; says whether it did.
+    /// Replaces `b` (N) by the `d` with `left_i (W d)_i + diagonal_i d_i = b_i`, if this
+    /// operator has factors for that and they are cheap; says whether it did.
     /// `late` is asked while that goes on, and ends it.
     /// `left` in N/m, `diagonal` without unit. Newton's method falls back on products with `W` otherwise.
     fn solve_directly(&self, left: &[Mat3], diagonal: &[Mat3], b: &mut [Vec3], late: &dyn Fn() -> bool) -> bool {

@@ -1,19 +1,21 @@
 //! How far reactions are from the truth: the natural map with De Saxce's shift.
 //!
-//! With `K_mu = { f : |f_t| <= mu f_n }` (N) and the shifted displacement `delta + mu |delta_t| n` (m), Signorini and Coulomb together say that
-//! the shifted displacement lies in the dual cone and is orthogonal to `f` (De Saxce and Feng 1998). That is the case if and only if, for any `rho > 0`,
+//! With `K_mu = { f : |f_t| <= mu f_n }` (N) and the shifted displacement `delta + mu |delta_t| n` (m),
+//! Signorini and Coulomb together say that the shifted displacement lies in the dual cone and is orthogonal
+//! to `f` (De Saxce and Feng 1998). That is the case if and only if, for any `rho > 0`,
 //!
 //! ```text
 //! f = proj_K( f - rho (delta + mu |delta_t| n) )
 //! ```
 //!
-//! so the difference of the two sides, in N, measures every law at once: penetration, pulling contacts, forces outside the cone, slip without full
-//! friction, friction that does not oppose slip.
+//! so the difference of the two sides, in N, measures every law at once: penetration, pulling contacts,
+//! forces outside the cone, slip without full friction, friction that does not oppose slip.
 //!
 //! Two choices make a number of it that means the same in every scene.
-//! `rho_i = 3 / trace(W_ii)` (N/m), the inverse of the mean compliance of the contact: it turns a displacement into the force that would undo it.
-//! The sum over contacts is divided by `|f|`. So `1e-8` reads: the forces are wrong by a hundred-millionth of what they are, in the contacts' own
-//! stiffness. If `f` is zero, every error is as large as what it is compared with: the residual is 0 for an exact solution and 1 otherwise.
+//! `rho_i = 3 / trace(W_ii)` (N/m), the inverse of the mean compliance of the contact: it turns a displacement into
+//! the force that would undo it. The sum over contacts is divided by `|f|`. So `1e-8` reads: the forces are wrong by
+//! a hundred-millionth of what they are, in the contacts' own stiffness. If `f` is zero, every error is as large as
+//! what it is compared with: the residual is 0 for an exact solution and 1 otherwise.
 
 use crate::math::{Real, Vec3};
 
@@ -47,10 +49,11 @@ pub fn natural_map(delta: &Vec3, f: &Vec3, mu: Real, rho: Real) -> Vec3 {
 
 /// The residual over all contacts, no unit: norm of [`natural_map`] over norm of `f`.
 ///
-/// With `rho_i = 3 / trace(W_ii)` ([`crate::delassus::ContactBlock::rho`]) an error in displacement counts as the force that would undo it. If `f` is zero the residual is 0 for an
-/// exact solution and 1 otherwise.
+/// With `rho_i = 3 / trace(W_ii)` ([`crate::delassus::ContactBlock::rho`]) an error in displacement counts as the
+/// force that would undo it. If `f` is zero the residual is 0 for an exact solution and 1 otherwise.
 ///
-/// `delta` (m) and `f` (N) in contact frames, `mu` and `rho` (N/m, see the module) one per contact; all of the same length, the shortest counts.
+/// `delta` (m) and `f` (N) in contact frames, `mu` and `rho` (N/m, see the module)
+/// one per contact; all of the same length, the shortest counts.
 pub fn natural_map_residual(delta: &[Vec3], f: &[Vec3], mu: &[Real], rho: &[Real]) -> Real {
     let (mut error, mut force) = (0.0, 0.0);
     for (((delta, f), mu), rho) in delta.iter().zip(f).zip(mu).zip(rho) {
@@ -60,8 +63,9 @@ pub fn natural_map_residual(delta: &[Vec3], f: &[Vec3], mu: &[Real], rho: &[Real
     relative(error, force)
 }
 
-/// The residual as the literature has it: the natural map with `rho = 1`, so that forces and displacements are compared as plain numbers, over the largest of `|q|`, `|f|`
-/// and `|delta|` (norms over all contacts). What `fc3d_compute_error` of Siconos gives. It depends on the units of `W`; [`natural_map_residual`] does not.
+/// The residual as the literature has it: the natural map with `rho = 1`, so that forces and displacements are
+/// compared as plain numbers, over the largest of `|q|`, `|f|` and `|delta|` (norms over all contacts). What
+/// `fc3d_compute_error` of Siconos gives. It depends on the units of `W`; [`natural_map_residual`] does not.
 ///
 /// `delta = W f + q`, `f` and `q` in contact frames, `mu` one per contact; all of the same length, the shortest counts.
 pub fn residual_as_given(delta: &[Vec3], f: &[Vec3], q: &[Vec3], mu: &[Real]) -> Real {
@@ -123,7 +127,9 @@ mod tests {
 
         /// The definition: p is in the cone, and (x - p).(q - p) <= 0 for every q in it; for a cone, for its edges and its apex.
         #[test]
-        fn projection_is_the_nearest_point_of_the_cone(x in prop::array::uniform3(-1.0..1.0f64), mu in prop_oneof![Just(0.0), 0.0..3.0f64]) {
+        fn projection_is_the_nearest_point_of_the_cone(
+            x in prop::array::uniform3(-1.0..1.0f64), mu in prop_oneof![Just(0.0), 0.0..3.0f64],
+        ) {
             let x = Vec3::from(x);
             let p = project_on_cone(&x, mu);
             prop_assert!(p.x >= 0.0 && p.y.hypot(p.z) <= mu * p.x * (1.0 + 1e-14) + 1e-300);
@@ -139,7 +145,8 @@ mod tests {
         #[test]
         fn an_exact_solution_has_no_residual_and_any_other_has(
             d in prop::array::uniform3(0.5..2.0f64), c in prop::array::uniform3(-0.4..0.4f64),
-            b_n in prop_oneof![-1.0..-0.05, 0.05..1.0f64], b_t in prop::array::uniform2(-1.0..1.0f64), mu in prop_oneof![Just(0.0), 0.05..1.0f64],
+            b_n in prop_oneof![-1.0..-0.05, 0.05..1.0f64], b_t in prop::array::uniform2(-1.0..1.0f64),
+            mu in prop_oneof![Just(0.0), 0.05..1.0f64],
             rho in 0.1..10.0f64,
         ) {
             let w = Mat3::new(d[0], c[0], c[1], c[0], d[1], c[2], c[1], c[2], d[2]);

@@ -4,8 +4,8 @@ use super::FreeMotion;
 use crate::math::Vec3;
 use crate::objects::Side;
 
-/// Displacement in this step, before contact forces, of the material point at `point` (world, m), all to first order: free motion and prescribed motion. For how far
-/// bodies may get; what a pair does is [`crate::pair::Pair::free_displacement`].
+/// Displacement in this step, before contact forces, of the material point at `point` (world, m), all to first order: free motion
+/// and prescribed motion. For how far bodies may get; what a pair does is [`crate::pair::Pair::free_displacement`].
 pub(crate) fn free_displacement(side: Side<'_>, free: &FreeMotion, point: &Vec3) -> Vec3 {
     let prescribed = side.body.body.prescribed_displacement(point);
     if free.dof == 0 {

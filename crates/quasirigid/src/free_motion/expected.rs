@@ -12,11 +12,12 @@ const MOST_PREDICTED: Real = 1.0;
 
 /// The motion that a collider is expected to make: `d(p) = shift + (R - 1)(p - origin)`, world axes.
 ///
-/// What is told is known: a fixed body on its way, the base of a finger. Joints and free bodies are taken to go on as in the last step; what they do differently is then
-/// in the equations to first order.
+/// What is told is known: a fixed body on its way, the base of a finger. Joints and free bodies are taken to
+/// go on as in the last step; what they do differently is then in the equations to first order.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Expected {
-    /// Whether it is told where to go, at least in part (fixed bodies and fingers), so that a free body follows it and not the other way round.
+    /// Whether it is told where to go, at least in part (fixed bodies and fingers),
+    /// so that a free body follows it and not the other way round.
     pub leads: bool,
     /// A point of it, m.
     pub origin: Vec3,

@@ -68,7 +68,8 @@ pub struct FreeMotion {
     pub motor_slope: Vec6,
     /// Joints held at a stop in this step.
     pub stops: [JointStop; MAX_DOF],
-    /// Displacements of the joints that are expected in this step, rad, see [`Expected::joints`]; zero for rigid bodies. Set by [`free_motions`].
+    /// Displacements of the joints that are expected in this step, rad, see
+    /// [`Expected::joints`]; zero for rigid bodies. Set by [`free_motions`].
     pub expected_joints: Vec6,
     /// The body went bad in this step, and was quarantined: its motion would be non-finite or absurd.
     pub quarantined: bool,
@@ -97,8 +98,8 @@ impl FreeMotion {
     }
 }
 
-/// The free motion of all bodies over a step, by slot; quarantined ones do not move. A body whose motion is not finite, or absurd, is quarantined here: let into
-/// the contact problem it would spoil the step of all that it touches.
+/// The free motion of all bodies over a step, by slot; quarantined ones do not move. A body whose motion is not finite, or
+/// absurd, is quarantined here: let into the contact problem it would spoil the step of all that it touches.
 pub fn free_motions(bodies: &mut Slots<BodyEntry>, context: &StepContext, out: &mut Vec<FreeMotion>) {
     out.clear();
     out.extend(bodies.all_slots_mut().map(|entry| {

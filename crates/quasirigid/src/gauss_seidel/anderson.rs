@@ -1,15 +1,15 @@
 //! Anderson acceleration: the sweeps as a fixed-point iteration, extrapolated from the last few.
 //!
-//! A sweep maps reactions `x` to `G(x)`; the solution is where `r = G(x) - x` is zero. While contacts keep their status `G` is affine or nearly so, and
-//! a combination of past sweeps predicts where `r` vanishes (Walker and Ni 2011, type II). With `dr_k`, `dg_k` the changes of `r` and `G(x)` from one sweep
-//! to the next:
+//! A sweep maps reactions `x` to `G(x)`; the solution is where `r = G(x) - x` is zero. While contacts keep their
+//! status `G` is affine or nearly so, and a combination of past sweeps predicts where `r` vanishes (Walker and Ni
+//! 2011, type II). With `dr_k`, `dg_k` the changes of `r` and `G(x)` from one sweep to the next:
 //!
 //! ```text
 //! gamma = argmin | r - sum gamma_k dr_k |,      x_next = G(x) - sum gamma_k dg_k
 //! ```
 //!
-//! The least-squares problem is solved through its normal equations, of at most [`DEPTH`] unknowns. The extrapolated forces are projected on their cones.
-//! Whether the step helped is for the caller to see: the change of the next sweep tells.
+//! The least-squares problem is solved through its normal equations, of at most [`DEPTH`] unknowns. The extrapolated forces are
+//! projected on their cones. Whether the step helped is for the caller to see: the change of the next sweep tells.
 
 // Small dense algebra reads best with its indices.
 #![allow(clippy::needless_range_loop)]
@@ -64,8 +64,8 @@ impl Anderson {
         &self.last_image[..n]
     }
 
-    /// `before` went into a sweep and `f` came out of it. Extrapolates `f` (N) if there is enough to go by, and says whether it did. `feasible` puts the reaction of a
-    /// contact back to where it may be.
+    /// `before` went into a sweep and `f` came out of it. Extrapolates `f` (N) if there is enough to go by, and
+    /// says whether it did. `feasible` puts the reaction of a contact back to where it may be.
     pub(crate) fn extrapolate(&mut self, before: &[Vec3], f: &mut [Vec3], feasible: impl Fn(usize, &Vec3) -> Vec3) -> bool {
         let first = !self.started;
         if !first {

@@ -1,14 +1,15 @@
 //! A damped Newton step, for problems on which sweeps crawl: a rigid box on a hundred support points, a stack, a wedge.
 //!
-//! Let `S_i(b_i)` be the exact solution of contact `i` ([`crate::delassus::ContactBlock::solve`]) for the displacement `b_i = delta_i - W_ii f_i` that the others leave it.
-//! The solution of the whole problem is the root of
+//! Let `S_i(b_i)` be the exact solution of contact `i` ([`crate::delassus::ContactBlock::solve`]) for the displacement
+//! `b_i = delta_i - W_ii f_i` that the others leave it. The solution of the whole problem is the root of
 //!
 //! ```text
 //! F_i(f) = f_i - S_i(b_i)
 //! ```
 //!
-//! `S_i` is smooth as long as the contact stays open, stuck or slipping, so this is a case for a semismooth Newton method (Alart and Curnier 1991 use another
-//! function with the same roots). With `T_i = -dS_i/db_i` (N/m), known in closed form ([`slope`]), a step `d` solves
+//! `S_i` is smooth as long as the contact stays open, stuck or slipping, so this is a case for a
+//! semismooth Newton method (Alart and Curnier 1991 use another function with the same roots). With
+//! `T_i = -dS_i/db_i` (N/m), known in closed form ([`slope`]), a step `d` solves
 //!
 //! ```text
 //! d_i + T_i ((W d)_i - W_ii d_i) = -F_i(f)
@@ -17,25 +18,29 @@
 //! by GMRES, which asks for products `W d` only and, with `W` a few rigid bodies plus small compliances, needs about as many of them as the
 //! bodies have coordinates.
 //!
-//! Two things make it dependable. First, damping by a proximal term: `alpha W_ii (f_i - f_i^before)` is added to the displacement, which means: for this step each
-//! contact is softer by the share `alpha`, about the forces it has. `alpha` falls by ten with every full step and rises when a step had to be shortened.
-//! Second, forces may leave their cones on the way. Projecting them back after each step would push the bodies about, each contact a little,
-//! by far more than the step had gained; the natural map measures the violation instead, and a last sweep puts everything exactly into the cones.
+//! Two things make it dependable. First, damping by a proximal term: `alpha W_ii (f_i - f_i^before)` is added to the
+//! displacement, which means: for this step each contact is softer by the share `alpha`, about the forces it has. `alpha` falls
+//! by ten with every full step and rises when a step had to be shortened. Second, forces may leave their cones on the way.
+//! Projecting them back after each step would push the bodies about, each contact a little, by far more than the step had gained;
+//! the natural map measures the violation instead, and a last sweep puts everything exactly into the cones.
 
 use crate::delassus::{Delassus, natural_map, relative, slope};
 use crate::math::{Mat3, Real, Vec3};
 
-/// Krylov vectors at most per step: memory of 40 times the reactions. A step that would need more is cut short, which the damping makes up for.
+/// Krylov vectors at most per step: memory of 40 times the reactions. A step that
+/// would need more is cut short, which the damping makes up for.
 const DEPTH: usize = 40;
 
-/// The linear system is solved to this share of its right-hand side. Looser: more steps; tighter: more products per step. 0.1 and 0.001 cost the same in total within 20 %.
+/// The linear system is solved to this share of its right-hand side. Looser: more steps;
+/// tighter: more products per step. 0.1 and 0.001 cost the same in total within 20 %.
 const FORCING: Real = 0.01;
 
 /// Damping to which a solve can come back: contacts twice as soft.
 const FULL_DAMPING: Real = 1.0;
 
-/// Damping by which a solve starts, times its residual. A warm start that sweeps have brought to 1e-7 is near the solution: with full damping it would go to it in four short steps
-/// instead of one or two. A box pushed by fingers on its stand: 44 instead of 47 sweeps, and a fifth less time. 0.1 to 10 cost the same within 5 %.
+/// Damping by which a solve starts, times its residual. A warm start that sweeps have brought to 1e-7 is near the
+/// solution: with full damping it would go to it in four short steps instead of one or two. A box pushed by fingers on
+/// its stand: 44 instead of 47 sweeps, and a fifth less time. 0.1 to 10 cost the same within 5 %.
 const FIRST_DAMPING: Real = 10.0;
 
 /// Smallest damping; below it the term is lost in rounding.
@@ -79,8 +84,8 @@ impl Newton {
         self.damping = if self.direct { FULL_DAMPING } else { (FIRST_DAMPING * residual).clamp(LEAST_DAMPING, FULL_DAMPING) };
     }
 
-    /// One step. `f` (N) moves, not necessarily within the cones; `w` holds it on entry and on return. `late` is asked after every product and ends the search early.
-    /// A step to forces larger than `limit` (N, norm of all) is not taken.
+    /// One step. `f` (N) moves, not necessarily within the cones; `w` holds it on entry and on return. `late` is asked after
+    /// every product and ends the search early. A step to forces larger than `limit` (N, norm of all) is not taken.
     pub(crate) fn advance<W: Delassus>(
         &mut self,
         w: &mut W,
@@ -101,7 +106,8 @@ impl Newton {
             if damped < best.0 && norm(f) <= limit {
                 best = (damped, length);
             }
-            // A full step that ends where the damped problem is solved, as far as its own softness shows, or any step that keeps half of what it promised.
+            // A full step that ends where the damped problem is solved, as far as its own
+            // softness shows, or any step that keeps half of what it promised.
             let solved = length == 1.0 && damped <= self.damping * moved;
             if solved || damped <= (1.0 - 0.5 * length) * residual || late() {
                 break;

@@ -15,16 +15,17 @@ pub struct SolverParameters {
     pub tolerance: Real,
     /// Sweeps at most. Default 1000. Smaller: a cold start on a stiff problem ends early, and says so.
     pub max_sweeps: u32,
-    /// Sweeps at least; taken as 1 if 0. Default 2. More: only time is lost. Less, too: one sweep a step leaves a slow mode that the motion of the step
-    /// feeds again.
+    /// Sweeps at least; taken as 1 if 0. Default 2. More: only time is lost. Less, too: one
+    /// sweep a step leaves a slow mode that the motion of the step feeds again.
     pub min_sweeps: u32,
-    /// Time at most; overrun by a few passes over the contacts, and four sweeps are done in any case. Default none. A budget makes the result depend on the machine:
-    /// two runs are then no longer the same bit by bit.
+    /// Time at most; overrun by a few passes over the contacts, and four sweeps are done in any case. Default none. A
+    /// budget makes the result depend on the machine: two runs are then no longer the same bit by bit.
     pub time_budget: Option<Duration>,
     /// What `tolerance` is compared with. Default [`Measure::UnitFree`].
     pub measure: Measure,
-    /// Whether the warm start is a forecast of reactions that change: then it need not be improved beyond a tenth of the tolerance. Default false: one of
-    /// something at rest is always improved a hundredfold, so that what is held does not creep by the tolerance. A step sets it by what it sees.
+    /// Whether the warm start is a forecast of reactions that change: then it need not be improved beyond a
+    /// tenth of the tolerance. Default false: one of something at rest is always improved a hundredfold, so
+    /// that what is held does not creep by the tolerance. A step sets it by what it sees.
     pub predicted: bool,
 }
 
@@ -102,7 +103,8 @@ pub struct SolveReport {
     pub stop: Stop,
 }
 
-/// Checks a problem from outside before [`crate::gauss_seidel::solve`]: lengths, finite displacements (m), friction coefficients not negative.
+/// Checks a problem from outside before [`crate::gauss_seidel::solve`]: lengths,
+/// finite displacements (m), friction coefficients not negative.
 ///
 /// # Errors
 /// `InvalidShape` if a length is not `contacts`, `InvalidValue` for a bad number.

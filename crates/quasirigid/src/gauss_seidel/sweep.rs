@@ -1,11 +1,13 @@
 //! The solver: block Gauss-Seidel sweeps, helped along when a problem turns out to be a hard one.
 //!
-//! A sweep visits the contacts in order and solves each exactly against the newest reactions of all others. It never leaves the cones, needs no step
-//! length, and on a warm start of a resting grasp one is enough. Cost: one row of `W` per contact, and nothing more where the contact is and stays open.
+//! A sweep visits the contacts in order and solves each exactly against the newest reactions of all others. It
+//! never leaves the cones, needs no step length, and on a warm start of a resting grasp one is enough. Cost:
+//! one row of `W` per contact, and nothing more where the contact is and stays open.
 //!
-//! From sweep [`PLAIN_SWEEPS`] on, the sweeps are extrapolated ([`crate::gauss_seidel::anderson`]); an extrapolation after which a sweep has to change more than twice as much as
-//! before is taken back. After [`PATIENCE`] sweeps the problem is one of those where reactions wander from contact to contact, and Newton steps take over
-//! ([`crate::gauss_seidel::newton`]), closed by one last sweep.
+//! From sweep [`PLAIN_SWEEPS`] on, the sweeps are extrapolated ([`crate::gauss_seidel::anderson`]); an
+//! extrapolation after which a sweep has to change more than twice as much as before is taken back. After
+//! [`PATIENCE`] sweeps the problem is one of those where reactions wander from contact to contact, and
+//! Newton steps take over ([`crate::gauss_seidel::newton`]), closed by one last sweep.
 //!
 //! What was tried, sweeps from cold to 1e-8, 164 contacts on three pads (`tests/common/problems.rs`):
 //!
@@ -25,14 +27,15 @@ use super::{Measure, SolveReport, SolverParameters, Stop};
 use crate::delassus::{AsGiven, ContactStatus, Delassus, relative};
 use crate::math::{Real, Vec3};
 
-/// Sweeps before acceleration begins. The first ones find out which contacts are open, stick and slip; until that settles there is no straight line to
-/// follow, and most warm solves end before.
+/// Sweeps before acceleration begins. The first ones find out which contacts are open, stick and slip;
+/// until that settles there is no straight line to follow, and most warm solves end before.
 const PLAIN_SWEEPS: u32 = 8;
 
 /// Sweeps before Newton steps take over. Soft grasps are done by then; a Newton step costs 10 to 20 sweeps.
 const PATIENCE: u32 = 40;
 
-/// Where there is no step to end in time, sweeps are given this many more for as long as the last as many have brought the residual down by [`GOOD_PROGRESS`].
+/// Where there is no step to end in time, sweeps are given this many more for as long as
+/// the last as many have brought the residual down by [`GOOD_PROGRESS`].
 const STRETCH: u32 = 20;
 
 /// See [`STRETCH`]. From one sweep to the next 0.93.
@@ -41,8 +44,8 @@ const GOOD_PROGRESS: Real = 0.25;
 /// Newton steps for a problem from elsewhere; then the caller tries something else.
 const NEWTON_STEPS: u32 = 30;
 
-/// A warm start is improved at least by this factor, even if that is far below the tolerance: errors that the motion of the step feeds again
-/// would otherwise stay just below the tolerance for ever, and a held object would creep by them.
+/// A warm start is improved at least by this factor, even if that is far below the tolerance: errors that the motion of the
+/// step feeds again would otherwise stay just below the tolerance for ever, and a held object would creep by them.
 const IMPROVEMENT: Real = 0.01;
 
 /// Below this share of the tolerance a forecast of something in motion need not be improved by as much.
@@ -63,11 +66,13 @@ const FINEST: Real = 1e-11;
 /// An extrapolation that makes the next sweep change the reactions by this factor more is taken back.
 const SETBACK: Real = 2.0;
 
-/// Converged means also that the errors are below this share of the forces that would undo `delta_free` contact by contact. Where there is no solution,
-/// such as a rigid block in a rigid gap that is too narrow, forces grow without end, and errors become small in comparison with them alone.
+/// Converged means also that the errors are below this share of the forces that would undo `delta_free`
+/// contact by contact. Where there is no solution, such as a rigid block in a rigid gap that is too
+/// narrow, forces grow without end, and errors become small in comparison with them alone.
 pub(crate) const WORST_ERROR: Real = 1e-2;
 
-/// Forces this many times larger than those that would undo `delta_free` contact by contact are not extrapolated to: there is no solution that way.
+/// Forces this many times larger than those that would undo `delta_free` contact by
+/// contact are not extrapolated to: there is no solution that way.
 const LARGEST_FORCE: Real = 1e8;
 
 /// Scratch memory of [`solve`], kept from one call to the next so that a step allocates nothing.
@@ -92,11 +97,13 @@ impl Scratch {
 
 /// Solves the frictional contact problem `delta = W f + delta_free` of [`super`].
 ///
-/// `delta_free` in m, contact frames; `mu` without unit; `f` in N: the warm start on entry, the reactions on return, exactly in their cones;
-/// `status` is only written. On return `w` holds `f`. A warm start is always improved, however good it is. A non-finite warm start counts as none.
+/// `delta_free` in m, contact frames; `mu` without unit; `f` in N: the warm
+/// start on entry, the reactions on return, exactly in their cones;
+/// `status` is only written. On return `w` holds `f`. A warm start is always
+/// improved, however good it is. A non-finite warm start counts as none.
 ///
-/// The residual of the report is that of the returned `f`, evaluated on its own. It is looked at only when a sweep has changed little, because it costs as
-/// much as a sweep.
+/// The residual of the report is that of the returned `f`, evaluated on its own. It is looked
+/// at only when a sweep has changed little, because it costs as much as a sweep.
 ///
 /// # Panics
 /// If the arrays do not have one entry per contact of `w` (checked by [`crate::gauss_seidel::check_problem`]).
@@ -123,7 +130,8 @@ pub(crate) struct Run<'a, W> {
     deadline: Deadline<'a>,
     /// Norm of `rho_i delta_free_i`, N.
     free_force: Real,
-    /// What tells whether the residual is worth its cost: the change of the last sweep, or the residual as given that its contacts had when it came to them.
+    /// What tells whether the residual is worth its cost: the change of the last sweep, or
+    /// the residual as given that its contacts had when it came to them.
     seen: Real,
     sweeps: u32,
     newton_steps: u32,
@@ -255,7 +263,8 @@ impl<'a, W: Delassus> Run<'a, W> {
         let Scratch { newton, before, .. } = scratch;
         newton.direct = self.parameters.measure == Measure::AsGiven;
         let tolerance = self.parameters.tolerance;
-        // A feasible state to come back to, should the steps lead nowhere before time is up. The sweep makes it one: an extrapolation may have come last.
+        // A feasible state to come back to, should the steps lead nowhere before time is
+        // up. The sweep makes it one: an extrapolation may have come last.
         self.sweep();
         let first_residual = self.residual();
         newton.restart(first_residual);

@@ -1,8 +1,10 @@
-//! LU factors of a sparse matrix of 3x3 blocks, of the form `L_i W_ij + D_i` (`D` on the diagonal only), in an order that keeps them sparse.
+//! LU factors of a sparse matrix of 3x3 blocks, of the form `L_i W_ij + D_i`
+//! (`D` on the diagonal only), in an order that keeps them sparse.
 //!
-//! A contact is coupled with those that touch one of its two bodies, and the graph of that comes apart quickly when contacts are eliminated by least degree: the factors of
-//! a heap of 276 capsules cost 0.1 million operations, the full matrix 378 million. What is left when all remaining contacts are coupled with each other is
-//! factored as a full matrix, with row exchanges ([`crate::linear::dense_lu`]); blocks before that are pivots as they come, inverted as 3x3 matrices. `W` is
+//! A contact is coupled with those that touch one of its two bodies, and the graph of that comes apart quickly when contacts
+//! are eliminated by least degree: the factors of a heap of 276 capsules cost 0.1 million operations, the full matrix 378
+//! million. What is left when all remaining contacts are coupled with each other is factored as a full matrix, with row
+//! exchanges ([`crate::linear::dense_lu`]); blocks before that are pivots as they come, inverted as 3x3 matrices. `W` is
 //! semidefinite, and whoever calls adds something positive to its diagonal: that is what makes it safe.
 
 use super::block_rows::BlockRows;
@@ -253,7 +255,9 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(64))]
 
         #[test]
-        fn factors_solve_the_system_sparse_or_full(n in 0usize..70, share in prop_oneof![Just(0.0), 0.0..0.2f64, Just(1.0)], seed in 0u64..1000) {
+        fn factors_solve_the_system_sparse_or_full(
+            n in 0usize..70, share in prop_oneof![Just(0.0), 0.0..0.2f64, Just(1.0)], seed in 0u64..1000,
+        ) {
             let w = random(n, share, seed);
             let left: Vec<Mat3> = (0..n).map(|i| Mat3::identity() * (1.0 + i as Real / n as Real)).collect();
             let diagonal: Vec<Mat3> = (0..n).map(|i| Mat3::identity() * (0.2 * n as Real) * (1.0 + (i % 3) as Real)).collect();

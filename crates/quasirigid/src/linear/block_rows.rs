@@ -13,7 +13,8 @@ pub(crate) struct BlockRows {
 }
 
 impl BlockRows {
-    /// Row `i` has the blocks `values[k]` in block columns `columns[k]` for `k` from `starts[i]` to `starts[i + 1]`. `starts` has one entry more than there are rows.
+    /// Row `i` has the blocks `values[k]` in block columns `columns[k]` for `k` from
+    /// `starts[i]` to `starts[i + 1]`. `starts` has one entry more than there are rows.
     ///
     /// # Errors
     /// `InvalidShape` if the arrays do not fit together, `InvalidValue` for a non-finite entry.

@@ -294,7 +294,8 @@ mod tests {
                     prop_assert!(off < 10.0 * ROUNDING, "off by {off:e} m");
                 }
                 let place = at * local;
-                let next = nalgebra::Translation3::from(place.coords + rho) * Rot::from_scaled_axis(phi) * nalgebra::Translation3::from(-place.coords);
+                let about_the_origin = Rot::from_scaled_axis(phi) * nalgebra::Translation3::from(-place.coords);
+                let next = nalgebra::Translation3::from(place.coords + rho) * about_the_origin;
                 at = next * at;
                 world.body_mut(lead).unwrap().set_pose(together * base).unwrap();
             }

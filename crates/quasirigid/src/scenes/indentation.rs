@@ -9,8 +9,8 @@ use crate::surface::{PointSurface, Surface, shapes};
 use crate::world::{BodyHandle, World};
 use std::sync::Arc;
 
-/// Stiffness that holds the flat: translation N/m, rotation N m/rad. Two fixed bodies do not meet, so the flat is a free body on a spring so stiff that
-/// its give is of no account.
+/// Stiffness that holds the flat: translation N/m, rotation N m/rad. Two fixed bodies do not meet,
+/// so the flat is a free body on a spring so stiff that its give is of no account.
 const HOLD: [Real; 2] = [1e12, 1e10];
 
 /// What is pressed on what.

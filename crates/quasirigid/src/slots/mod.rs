@@ -1,7 +1,7 @@
 //! Values with stable indices: a slot is its value's for as long as that is there, whatever else is added or removed.
 //!
-//! Freed slots are used again, lowest first, so that what is kept by slot stays short. A generation, which no two values of one list ever share, tells a value from an
-//! earlier one in the same slot; it also says which of two was added first.
+//! Freed slots are used again, lowest first, so that what is kept by slot stays short. A generation, which no two values of one
+//! list ever share, tells a value from an earlier one in the same slot; it also says which of two was added first.
 
 mod stored;
 
@@ -9,13 +9,15 @@ pub(crate) use stored::StoredSlots;
 
 use std::ops::{Index, IndexMut};
 
-/// A list of values with stable indices. Stages visit them in the order of their slots; users see them in the order in which they were added ([`Slots::in_order`]).
+/// A list of values with stable indices. Stages visit them in the order of their slots;
+/// users see them in the order in which they were added ([`Slots::in_order`]).
 #[derive(Debug, Clone)]
 pub struct Slots<T> {
     slots: Vec<Slot<T>>,
     /// Slots in use, in the order in which their values were added.
     order: Vec<u32>,
-    /// Generation of the next value. Never given twice, also where a world is taken back in time: a handle of a value that has not been never becomes one of another.
+    /// Generation of the next value. Never given twice, also where a world is taken back in
+    /// time: a handle of a value that has not been never becomes one of another.
     next_generation: u32,
 }
 
@@ -162,7 +164,9 @@ mod tests {
     proptest! {
         /// Against a plain list of what is there, with the slot and the generation that each was given.
         #[test]
-        fn a_value_keeps_its_slot_and_a_freed_slot_is_used_again_lowest_first(actions in prop::collection::vec((any::<bool>(), 0..100usize), 1..60)) {
+        fn a_value_keeps_its_slot_and_a_freed_slot_is_used_again_lowest_first(
+            actions in prop::collection::vec((any::<bool>(), 0..100usize), 1..60),
+        ) {
             let (mut slots, mut there, mut generations) = (Slots::default(), Vec::<(u32, u32, usize)>::new(), Vec::new());
             for (value, (add, which)) in actions.into_iter().enumerate() {
                 if add || there.is_empty() {

@@ -30,7 +30,8 @@ impl<T> Slots<T> {
 }
 
 impl<V> StoredSlots<V> {
-    /// The list that was stored, each value by `read`. Refused if it is none: each slot in use stands once in the order in which values were added, and no generation was given twice.
+    /// The list that was stored, each value by `read`. Refused if it is none: each slot in use stands
+    /// once in the order in which values were added, and no generation was given twice.
     pub(crate) fn read<T>(self, mut read: impl FnMut(V) -> Result<T, String>) -> Result<Slots<T>, String> {
         let Self { generations, values, order, next_generation } = self;
         if next_generation > MOST_GENERATIONS || generations.iter().any(|&generation| generation >= next_generation) {

@@ -1,23 +1,27 @@
-//! An interior-point method, for the few problems on which sweeps and Newton steps from contact to contact find no way: stacks with many more
-//! supports than coordinates, some of which slip.
+//! An interior-point method, for the few problems on which sweeps and Newton steps from contact to
+//! contact find no way: stacks with many more supports than coordinates, some of which slip.
 //!
-//! With the friction coefficient scaled away, `x = (mu r_n, r_t)` and `y = (v_n / mu, u_t)` where `v_n = u_n + mu |u_t|` is the normal velocity with De Saxce's shift,
-//! the laws of a contact say that `x` and `y` lie in the cone `K = { |z_t| <= z_n }` and are orthogonal. Let `P = diag(mu, 1, 1)`, `A = P^-1 W P^-1`, `b = P^-1 q`. Then
+//! With the friction coefficient scaled away, `x = (mu r_n, r_t)` and `y = (v_n / mu, u_t)` where `v_n = u_n + mu |u_t|` is the
+//! normal velocity with De Saxce's shift, the laws of a contact say that `x` and `y` lie in the cone `K = { |z_t| <= z_n }` and
+//! are orthogonal. Let `P = diag(mu, 1, 1)`, `A = P^-1 W P^-1`, `b = P^-1 q`. Then
 //!
 //! ```text
 //! y = A x + b + |y_t| n,     x in K,  y in K,  x . y = 0
 //! ```
 //!
-//! Without the shift that is a convex program over second-order cones, and this would be the textbook method: stay inside the cones, replace `x . y = 0` by
-//! `x o y = m e` with a barrier parameter `m` that goes to zero, scale with the point of Nesterov and Todd (1997), and take Newton steps. The shift is kept in and differentiated along with
-//! the rest, as `sqrt(|y_t|^2 + eps^2)` with `eps` falling with `m`; Acary, Armand, Nguyen and Shpakovych (2022) treat the convex part in the same way. With `t = y_t / |y_t|` and `G` the identity plus `t` in
-//! the normal row, a step solves
+//! Without the shift that is a convex program over second-order cones, and this would
+//! be the textbook method: stay inside the cones, replace `x . y = 0` by
+//! `x o y = m e` with a barrier parameter `m` that goes to zero, scale with the point of Nesterov and Todd (1997),
+//! and take Newton steps. The shift is kept in and differentiated along with the rest, as `sqrt(|y_t|^2 + eps^2)`
+//! with `eps` falling with `m`; Acary, Armand, Nguyen and Shpakovych (2022) treat the convex part in the same way.
+//! With `t = y_t / |y_t|` and `G` the identity plus `t` in the normal row, a step solves
 //!
 //! ```text
 //! (A + G^-1 Theta) dx = G^-1 (m x^-1 - y) + p,     dy = G (A dx - p)
 //! ```
 //!
-//! where `p` is by how much the first equation fails and `Theta x = y`. The matrix is that of the problem with other blocks on its diagonal, and is factored as it is ([`crate::linear::block_lu`]).
+//! where `p` is by how much the first equation fails and `Theta x = y`. The matrix is that of the problem
+//! with other blocks on its diagonal, and is factored as it is ([`crate::linear::block_lu`]).
 
 use crate::delassus::{Assembled, Delassus, natural_map, project_on_cone};
 use crate::linear::block_rows::BlockRows;
@@ -35,8 +39,8 @@ const LEAST_FRICTION: Real = 1e-6;
 /// `eps` of the smoothed shift, as a share of the barrier parameter.
 const SMOOTHING: Real = 1e-3;
 
-/// The barrier parameter is kept above this share of `|p|`, so that the iterates do not come to the edge before the equation is met. With 0.01 or 1 nothing
-/// is solved that is not with this and the method after it.
+/// The barrier parameter is kept above this share of `|p|`, so that the iterates do not come to the edge before the
+/// equation is met. With 0.01 or 1 nothing is solved that is not with this and the method after it.
 const HOLD: Real = 0.1;
 
 /// Share of the way to the edge of the cones that a step may go.
@@ -96,7 +100,8 @@ pub(crate) fn interior_point(w: &Assembled, q: &[Vec3], mu: &[Real], r: &mut [Ve
         for i in 0..n {
             let reaction = project_on_cone(&(unscaled(i, &x[i]) * force), mu[i]);
             let ax = product[i];
-            // P (A x + b) is the velocity of the forces before projection, which differ by rounding (or, without friction, by the least one).
+            // P (A x + b) is the velocity of the forces before projection, which
+            // differ by rounding (or, without friction, by the least one).
             let u = Vec3::new((ax.x + b[i].x) * friction[i], ax.y + b[i].y, ax.z + b[i].z) * velocity;
             error += natural_map(&u, &reaction, mu[i], 1.0).norm_squared();
         }

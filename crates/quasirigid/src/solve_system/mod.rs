@@ -15,7 +15,8 @@ use crate::math::{Real, Vec3};
 use interior_point::{Until, interior_point};
 use proximal_point::proximal_newton;
 
-/// Sweeps and Newton steps before heavier means. Most of them are not used: where sweeps crawl, they end after 40, and Newton steps after 30.
+/// Sweeps and Newton steps before heavier means. Most of them are not used:
+/// where sweeps crawl, they end after 40, and Newton steps after 30.
 const FIRST_TRY: u32 = 400;
 
 /// See [`Cascade::tighten`].
@@ -33,18 +34,21 @@ const LARGEST_DENSE: usize = 10_000;
 /// Below that, rounding is in the way.
 const LEAST_TOLERANCE: Real = 1e-14;
 
-/// Solves the problem until [`crate::delassus::residual_as_given`] is within the tolerance. `measure` and `min_sweeps` of the parameters are not used.
+/// Solves the problem until [`crate::delassus::residual_as_given`] is within the
+/// tolerance. `measure` and `min_sweeps` of the parameters are not used.
 ///
-/// Without `warm_start` it begins with no reactions. An unconverged problem is no error: `stop` says so, and the reactions are the best that were found.
+/// Without `warm_start` it begins with no reactions. An unconverged problem is no
+/// error: `stop` says so, and the reactions are the best that were found.
 ///
 /// # Errors
-/// `InvalidValue` for bad parameters or a warm start that is not finite, `InvalidShape` if the warm start does not have one entry per contact.
+/// `InvalidValue` for bad parameters or a warm start that is not finite,
+/// `InvalidShape` if the warm start does not have one entry per contact.
 pub fn solve_system(system: &ContactSystem, parameters: &SolverParameters, warm_start: Option<&[Vec3]>) -> Result<SystemSolution> {
     solve_system_until(system, parameters, warm_start, None)
 }
 
-/// [`solve_system`] with a way to end it: `interrupted` is asked every fraction of a millisecond, and should answer as quickly. The solution then
-/// stops with [`Stop::Interrupted`].
+/// [`solve_system`] with a way to end it: `interrupted` is asked every fraction of a millisecond,
+/// and should answer as quickly. The solution then stops with [`Stop::Interrupted`].
 ///
 /// # Errors
 /// As [`solve_system`].
@@ -158,8 +162,9 @@ impl Cascade<'_> {
         report.stop
     }
 
-    /// Where forces are large numbers and velocities small ones, as with a `W` in m/N, the residual as given says little about velocities. In units in which `W` is of order one
-    /// it must be within [`LOOSE`] tolerances, or sweeps and Newton steps go on until it is. As they cannot always reach that, it is no condition.
+    /// Where forces are large numbers and velocities small ones, as with a `W` in m/N, the residual as given says
+    /// little about velocities. In units in which `W` is of order one it must be within [`LOOSE`] tolerances, or
+    /// sweeps and Newton steps go on until it is. As they cannot always reach that, it is no condition.
     fn tighten(&mut self, system: &ContactSystem, w: &mut Assembled) {
         let n = system.len();
         let compliance = (0..n).map(|i| system.w.diagonal_block(i).matrix().trace()).sum::<Real>() / (3 * n.max(1)) as Real;
@@ -294,8 +299,8 @@ impl Cascade<'_> {
     }
 }
 
-/// Whether errors are small beside `q` too. Where there is no solution, such as a rigid block in a rigid gap that is too narrow, forces grow without
-/// end, and errors become small in comparison with them alone.
+/// Whether errors are small beside `q` too. Where there is no solution, such as a rigid block in a rigid gap that
+/// is too narrow, forces grow without end, and errors become small in comparison with them alone.
 fn is_sound(r: &[Vec3], q: &[Vec3], rho: &[Real], unit_free_residual: Real) -> bool {
     let force = r.iter().map(Vec3::norm_squared).sum::<Real>().sqrt();
     let free_force = q.iter().zip(rho).map(|(q, rho)| (q * *rho).norm_squared()).sum::<Real>().sqrt();
@@ -338,7 +343,8 @@ mod tests {
     use crate::delassus::residual_as_given;
     use crate::math::Mat3;
 
-    /// Rigid boxes on each other, four contacts between each two: 12 forces for 6 coordinates per box, and nothing gives. The topmost is pushed sideways.
+    /// Rigid boxes on each other, four contacts between each two: 12 forces for 6
+    /// coordinates per box, and nothing gives. The topmost is pushed sideways.
     fn rigid_stack(levels: usize, push: Real) -> (Vec<Real>, Vec<Real>, Vec<Real>) {
         let n = 4 * levels;
         // Rows of H: contact, box, 3x6 in frames (up, x, y).

@@ -1,12 +1,15 @@
 //! The proximal-point method: Newton's method on problems that are made easy, one after the other.
 //!
-//! Around a centre `c` the contacts are made softer by the share `alpha`: `alpha W_ii (f_i - c_i)` is added to the displacement. With a large `alpha` a few Newton steps find the
-//! solution; it becomes the next centre, and `alpha` falls for as long as that stays so and rises when it does not. At the end `f = c`, and the solution is that of the
+//! Around a centre `c` the contacts are made softer by the share `alpha`: `alpha W_ii (f_i - c_i)`
+//! is added to the displacement. With a large `alpha` a few Newton steps find the
+//! solution; it becomes the next centre, and `alpha` falls for as long as that stays so and
+//! rises when it does not. At the end `f = c`, and the solution is that of the
 //! problem itself. Acary, Brémond and Huber (2018) compare methods for
 //! such problems, this one among them.
 //!
-//! [`crate::gauss_seidel::newton`] damps in the same way but moves the centre with every step, which is faster on most problems and leads nowhere on some: heaps, where
-//! most contacts are at the edge of sticking. Steps and slopes are the same, written for the damped problem.
+//! [`crate::gauss_seidel::newton`] damps in the same way but moves the centre with every step, which
+//! is faster on most problems and leads nowhere on some: heaps, where most contacts are at the edge
+//! of sticking. Steps and slopes are the same, written for the damped problem.
 
 use super::interior_point::{Outcome, Until};
 use crate::delassus::{Assembled, Delassus, natural_map, project_on_cone, slope};

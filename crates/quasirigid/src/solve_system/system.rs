@@ -1,8 +1,8 @@
 //! The solver as a library: a problem that somebody else has set up, in whatever units.
 //!
-//! The sign conventions are those of the stage, with the letters of the literature: `u = W r + q`, `r` in the friction cone, `u` with De Saxce's shift in its dual,
-//! both orthogonal. `W` is solved as it is given. Real ones are slightly asymmetric, from rounding or from condensation; how much is measured
-//! ([`ContactSystem::asymmetry`]), not repaired.
+//! The sign conventions are those of the stage, with the letters of the literature: `u = W r + q`, `r` in the friction cone,
+//! `u` with De Saxce's shift in its dual, both orthogonal. `W` is solved as it is given. Real ones are slightly asymmetric,
+//! from rounding or from condensation; how much is measured ([`ContactSystem::asymmetry`]), not repaired.
 
 use crate::delassus::{Assembled, ContactStatus, Delassus};
 use crate::error::{Error, Result, check_finite};
@@ -43,8 +43,8 @@ impl ContactSystem {
     /// From all entries of `w`, row by row; `3n x 3n`, `n` being the length of `mu`.
     ///
     /// # Errors
-    /// `InvalidShape` if the lengths do not fit together; `InvalidValue` for a number that is not finite, a negative `mu`, or a block on the diagonal of `w` that is not
-    /// positive definite.
+    /// `InvalidShape` if the lengths do not fit together; `InvalidValue` for a number that is not finite,
+    /// a negative `mu`, or a block on the diagonal of `w` that is not positive definite.
     pub fn from_dense(w: &[Real], q: &[Real], mu: &[Real]) -> Result<Self> {
         let n = mu.len();
         let width = 3 * n;
@@ -115,7 +115,8 @@ impl ContactSystem {
         self.mu.is_empty()
     }
 
-    /// Largest entry of `W - W^T` over the largest of `W`. About 1e-16 is rounding; real problems go up to 1e-3, and more. 0 without contacts.
+    /// Largest entry of `W - W^T` over the largest of `W`. About 1e-16 is rounding;
+    /// real problems go up to 1e-3, and more. 0 without contacts.
     pub fn asymmetry(&self) -> Real {
         self.asymmetry
     }

@@ -262,7 +262,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn sphere_around_two_spheres_holds_both(c1 in prop::array::uniform3(-1.0..1.0f64), c2 in prop::array::uniform3(-1.0..1.0f64), r1 in 0.0..1.0f64, r2 in 0.0..1.0f64) {
+        fn sphere_around_two_spheres_holds_both(
+            c1 in prop::array::uniform3(-1.0..1.0f64), c2 in prop::array::uniform3(-1.0..1.0f64), r1 in 0.0..1.0f64,
+            r2 in 0.0..1.0f64,
+        ) {
             let (c1, c2) = (Vec3::from(c1), Vec3::from(c2));
             let (c, r) = sphere_around(&c1, r1, &c2, r2);
             prop_assert!((c - c1).norm() + r1 <= r + 1e-12);

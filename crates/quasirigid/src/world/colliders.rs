@@ -11,11 +11,12 @@ use crate::world::{BodyHandle, ColliderHandle, World};
 use std::sync::Arc;
 
 impl World {
-    /// Adds a surface (frame of the link) of `material` to a link of a body, which may have others: a link carries any number of colliders, and those of one body never touch each
-    /// other. Mass and inertia stay those of the body.
+    /// Adds a surface (frame of the link) of `material` to a link of a body, which may have others: a link carries any number
+    /// of colliders, and those of one body never touch each other. Mass and inertia stay those of the body.
     ///
     /// # Errors
-    /// [`Error::InvalidHandle`] for a body that was removed; [`Error::InvalidValue`] for a link that it does not have; what [`Material::check_for`] refuses.
+    /// [`Error::InvalidHandle`] for a body that was removed; [`Error::InvalidValue`] for a
+    /// link that it does not have; what [`Material::check_for`] refuses.
     pub fn add_collider(
         &mut self,
         body: BodyHandle,
@@ -114,8 +115,8 @@ impl World {
         Ok(())
     }
 
-    /// Says what a collider may touch, from the next step on. Where it may no longer touch what it is in contact with, the contact ends there, as if the two had been taken apart:
-    /// its reactions are forgotten, and its elastic displacement relaxes.
+    /// Says what a collider may touch, from the next step on. Where it may no longer touch what it is in contact with, the contact
+    /// ends there, as if the two had been taken apart: its reactions are forgotten, and its elastic displacement relaxes.
     ///
     /// # Errors
     /// [`Error::InvalidHandle`] if it was removed.
@@ -125,7 +126,8 @@ impl World {
         Ok(())
     }
 
-    /// From the next step on two colliders never touch, whatever their filters say, until [`World::include_pair`]. What touches now ends as with [`World::set_filter`].
+    /// From the next step on two colliders never touch, whatever their filters say, until
+    /// [`World::include_pair`]. What touches now ends as with [`World::set_filter`].
     ///
     /// # Errors
     /// [`Error::InvalidHandle`] if one was removed; [`Error::InvalidValue`] for one collider twice.

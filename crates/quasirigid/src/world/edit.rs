@@ -16,8 +16,8 @@ impl World {
         self.set_parameters(Parameters { gravity, ..self.params.clone() })
     }
 
-    /// Makes the surface of a body, or of a finger, of another material, from the next step on. Its elastic displacement stays what it is. Of several colliders it is the first,
-    /// see [`World::set_collider_material`].
+    /// Makes the surface of a body, or of a finger, of another material, from the next step on. Its elastic
+    /// displacement stays what it is. Of several colliders it is the first, see [`World::set_collider_material`].
     ///
     /// # Errors
     /// [`Error::InvalidHandle`] for a body that was removed, [`Error::InvalidValue`] for a material out of range or a body without surface.

@@ -38,14 +38,17 @@ impl From<BodyHandle> for FrictionSide {
 }
 
 impl World {
-    /// Says what friction is between `a` and `b`, instead of combining it from two materials ([`crate::Parameters::friction_rule`]); holds from the next step on.
+    /// Says what friction is between `a` and `b`, instead of combining it from two materials
+    /// ([`crate::Parameters::friction_rule`]); holds from the next step on.
     /// `None` takes back what was said of this pair.
     ///
-    /// An entry about two bodies goes before one about a body and a material, and that before one about two materials; of equals the last one set holds.
-    /// A direction lies in the frame of the side named first (of the body added first, if both sides are one material).
+    /// An entry about two bodies goes before one about a body and a material, and that before one
+    /// about two materials; of equals the last one set holds. A direction lies in the frame of the
+    /// side named first (of the body added first, if both sides are one material).
     ///
     /// # Errors
-    /// [`Error::UnknownName`] for a [`FrictionSide::Name`] that is not known; [`Error::InvalidHandle`] for a body that was removed; [`Error::InvalidValue`] for one body against itself, or a friction that [`Friction::check`] refuses.
+    /// [`Error::UnknownName`] for a [`FrictionSide::Name`] that is not known; [`Error::InvalidHandle`] for a body that was
+    /// removed; [`Error::InvalidValue`] for one body against itself, or a friction that [`Friction::check`] refuses.
     pub fn set_friction(&mut self, a: impl Into<FrictionSide>, b: impl Into<FrictionSide>, friction: Option<Friction>) -> Result<()> {
         if let Some(friction) = &friction {
             friction.check()?;

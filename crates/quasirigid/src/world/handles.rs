@@ -16,7 +16,8 @@ pub struct BodyHandle {
     generation: u32,
 }
 
-/// A collider of one world. Stays valid until the collider, or its body, is removed; using it after that, or with another world, is an error.
+/// A collider of one world. Stays valid until the collider, or its body, is
+/// removed; using it after that, or with another world, is an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct ColliderHandle {
     #[serde(skip)]
@@ -42,7 +43,8 @@ pub(super) fn new_world_number() -> u32 {
 }
 
 impl BodyHandle {
-    /// The number that contacts call the body by, see [`crate::pair::Contact::body_a`]: the same for as long as the body is there. Later it may be that of another.
+    /// The number that contacts call the body by, see [`crate::pair::Contact::body_a`]: the
+    /// same for as long as the body is there. Later it may be that of another.
     pub fn slot(self) -> u32 {
         self.slot
     }
@@ -59,7 +61,8 @@ impl BodyHandle {
 }
 
 impl ColliderHandle {
-    /// The number that contacts call the collider by, see [`crate::pair::Contact::collider_a`]: the same for as long as the collider is there. Later it may be that of another.
+    /// The number that contacts call the collider by, see [`crate::pair::Contact::collider_a`]: the
+    /// same for as long as the collider is there. Later it may be that of another.
     pub fn slot(self) -> u32 {
         self.slot
     }

@@ -215,8 +215,9 @@ impl World {
         Ok(forces.sum())
     }
 
-    /// The hash of motion alone: the same for two worlds whose poses, velocities, joints and elastic displacements are the same bits, and the slip speeds where friction falls
-    /// with them. It may be the same though their futures differ, so it is for tests that compare what moves; [`World::state_hash`] is of the whole state.
+    /// The hash of motion alone: the same for two worlds whose poses, velocities, joints and elastic displacements are
+    /// the same bits, and the slip speeds where friction falls with them. It may be the same though their futures
+    /// differ, so it is for tests that compare what moves; [`World::state_hash`] is of the whole state.
     #[doc(hidden)]
     pub fn motion_hash(&self) -> u64 {
         let mut hash = Fnv(0xcbf2_9ce4_8422_2325);

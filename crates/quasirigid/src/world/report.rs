@@ -8,8 +8,8 @@ use std::time::Duration;
 /// The five stages, in order: the names of modules, timers and headings.
 pub const STAGES: [&str; 5] = ["free_motion", "collision", "contact_problem", "gauss_seidel", "constrained_motion"];
 
-/// Parts of stages that are timed on their own, those of the paper's two tables: of collision, of collision, of the contact problem, of the contact
-/// problem, of the constrained motion.
+/// Parts of stages that are timed on their own, those of the paper's two tables: of collision, of
+/// collision, of the contact problem, of the contact problem, of the constrained motion.
 pub const PARTS: [&str; 5] = ["traverse", "interpenetration", "w_rigid", "w_deform", "hierarchy_update"];
 
 /// Time of every stage of one step, and of its parts that the benchmark lists.
@@ -83,7 +83,8 @@ pub struct StepReport {
 }
 
 impl StepReport {
-    /// One report for several steps: this one, of the last, with what must not be missed of those before: every body that was quarantined, every pair that
+    /// One report for several steps: this one, of the last, with what must not be missed
+    /// of those before: every body that was quarantined, every pair that
     /// was fully penetrated, the sum of ill-posed contacts,
     /// whether any budget was exhausted, and the residual and the reason to stop of the worst solve.
     #[must_use]

@@ -1,5 +1,5 @@
-//! Scratch and caches of a step, kept from one to the next so that a step allocates nothing. No state lives here, but for the contacts and reactions of the last step, which a
-//! user may read.
+//! Scratch and caches of a step, kept from one to the next so that a step allocates nothing. No state
+//! lives here, but for the contacts and reactions of the last step, which a user may read.
 
 use crate::collision::Collision;
 use crate::constrained_motion::Scratch as MotionScratch;

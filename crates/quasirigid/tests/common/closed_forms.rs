@@ -27,7 +27,8 @@ pub struct Hertz {
     pub p: Real,
     /// Largest pressure p0 = 3 P / (2 pi a^2), Pa.
     pub p0: Real,
-    /// Tangential stiffness of the full-stick contact, 8 a G*, N/m, with 1/G* = (2 - nu_1)/G_1 + (2 - nu_2)/G_2 (Mindlin; Johnson, eq. 7.43).
+    /// Tangential stiffness of the full-stick contact, 8 a G*, N/m, with 1/G* = (2
+    /// - nu_1)/G_1 + (2 - nu_2)/G_2 (Mindlin; Johnson, eq. 7.43).
     pub k_t: Real,
     /// Torsional stiffness of the full-stick contact, 16/3 G a^3, N m/rad, with 1/G = 1/G_1 + 1/G_2 (Johnson, section 7.4).
     pub k_r: Real,
@@ -105,7 +106,8 @@ pub fn half_space((e, nu): Elastic, mu: Real) -> Material {
     test.checked().unwrap()
 }
 
-/// The scene with `n` control points on a piece of 1.6 contact radii at [`DEPTH`] of the ball (or of the flat, if it is the finer side), half as many on the other.
+/// The scene with `n` control points on a piece of 1.6 contact radii at [`DEPTH`] of the
+/// ball (or of the flat, if it is the finer side), half as many on the other.
 pub fn indentation([ball, flat]: [Elastic; 2], mu: Real, n: usize, fine_ball: bool) -> Indentation {
     let (ball_control_points, flat_control_points) = if fine_ball { (n, n / 2) } else { (n / 2, n) };
     let options = IndentationOptions {

@@ -67,8 +67,9 @@ pub fn free_body_rows(mass: Real, inertia: &Vec3, arm: &Vec3, e: &Mat3, sign: Re
     rows
 }
 
-/// A box of `mass` (kg) and `size` (m) held by three pads of 4-joint fingers, two on the one side and one on the other, each pad a sphere of radius
-/// 10 mm pressed in by `depth` (m) over a disc of `contacts[k]` points. The box has sunk by `sink` (m) and turned a little.
+/// A box of `mass` (kg) and `size` (m) held by three pads of 4-joint fingers, two on the one side
+/// and one on the other, each pad a sphere of radius 10 mm pressed in by `depth` (m) over a disc of
+/// `contacts[k]` points. The box has sunk by `sink` (m) and turned a little.
 pub fn grasp(contacts: [usize; 3], pad: Pad, depth: Real, sink: Real) -> Problem {
     let (mass, half) = (0.2, 0.03);
     let inertia = Vec3::repeat(mass * half * half * 2.0 / 3.0);
@@ -144,7 +145,8 @@ fn push_pad_entry(w: &mut MatrixFree, pad: &Pad, j: usize, r: &Vec3, area: Real)
     }
 }
 
-/// A rigid box of 1 kg on `side * side` support points, each with a compliance of `softness` times the rigid one of the box, pushed sideways by
+/// A rigid box of 1 kg on `side * side` support points, each with a compliance of
+/// `softness` times the rigid one of the box, pushed sideways by
 /// `push` (share of its weight). Far more supports than the 6 coordinates of the box can tell apart.
 pub fn support(side: usize, softness: Real, push: Real, mu: Real) -> Problem {
     let (mass, half) = (1.0, 0.1);

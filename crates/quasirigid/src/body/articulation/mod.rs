@@ -210,7 +210,8 @@ impl Finger {
         Ok(())
     }
 
-    /// Moves the hand frame to `target` during the next step, carrying the finger and what it holds; for [`crate::World::move_hand_to`], which moves all fingers of a hand.
+    /// Moves the hand frame to `target` during the next step, carrying the finger and what it
+    /// holds; for [`crate::World::move_hand_to`], which moves all fingers of a hand.
     ///
     /// # Errors
     /// A pose that is not finite.
@@ -256,8 +257,8 @@ impl Finger {
         self.kinematics.point_jacobian(link, point)
     }
 
-    /// Force (N, world) with which the point of `link` at `point` (m, world) would press on something that holds it where it is, if the controllers had
-    /// the targets `q` (rad): without damping, weight and torque limits.
+    /// Force (N, world) with which the point of `link` at `point` (m, world) would press on something that holds it
+    /// where it is, if the controllers had the targets `q` (rad): without damping, weight and torque limits.
     ///
     /// The joints give way by dq so that J dq = 0 under the reaction -F (K: stiffness of the joints, e: their distance to the targets):
     ///

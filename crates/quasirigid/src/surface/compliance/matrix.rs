@@ -250,7 +250,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn an_eigenvalue_below_zero_is_found_and_named(n in 2..8usize, direction in prop::collection::vec(-1.0..1.0f64, 24), share in 0.001..0.5f64) {
+        fn an_eigenvalue_below_zero_is_found_and_named(
+            n in 2..8usize, direction in prop::collection::vec(-1.0..1.0f64, 24), share in 0.001..0.5f64,
+        ) {
             let mut v = nalgebra::DVector::from_iterator(3 * n, direction.into_iter().take(3 * n));
             prop_assume!(v.norm() > 0.1);
             v.normalize_mut();

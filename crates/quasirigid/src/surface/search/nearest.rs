@@ -236,7 +236,8 @@ mod tests {
             stretch in 0..8, twice in any::<bool>(),
         ) {
             // Flat, uneven (a power of the coordinates crowds them) and with every point twice: what a grid finds hard.
-            let mut points: Vec<Vec3> = raw.iter().map(|p| Vec3::new(p[0].powi(2 * stretch + 1), p[1], if flat { 0.25 } else { p[2] })).collect();
+            let place = |p: &[Real; 3]| Vec3::new(p[0].powi(2 * stretch + 1), p[1], if flat { 0.25 } else { p[2] });
+            let mut points: Vec<Vec3> = raw.iter().map(place).collect();
             if twice {
                 points.extend_from_within(..);
             }

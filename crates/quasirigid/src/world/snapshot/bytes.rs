@@ -4,7 +4,8 @@
 //! "quasirigid snapshot\n", then CBOR: { version, layout }, then CBOR: the record
 //! ```
 //!
-//! Only the version that wrote them reads them. Surfaces are built anew, and the nodes that caches name are those of the tree that this version builds.
+//! Only the version that wrote them reads them. Surfaces are built anew, and the
+//! nodes that caches name are those of the tree that this version builds.
 
 use super::Snapshot;
 use super::check::snapshot_of;
@@ -48,8 +49,8 @@ impl Snapshot {
         Ok(bytes)
     }
 
-    /// The snapshot that bytes of [`Snapshot::to_bytes`] hold. They may come from anywhere: a world that can be made of them can be stepped, and they make this take no more
-    /// memory than a multiple of their own size, or than is free.
+    /// The snapshot that bytes of [`Snapshot::to_bytes`] hold. They may come from anywhere: a world that can be made of them
+    /// can be stepped, and they make this take no more memory than a multiple of their own size, or than is free.
     ///
     /// # Errors
     /// [`Error::InvalidSnapshot`] for bytes of another version, which it names, for damaged ones and for others.

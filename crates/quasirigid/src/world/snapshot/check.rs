@@ -1,5 +1,5 @@
-//! A snapshot from what was stored. The bytes may come from anywhere: whatever a step takes for granted is checked here, every index, length and cross-reference, so that a
-//! world that can be made of them can be stepped.
+//! A snapshot from what was stored. The bytes may come from anywhere: whatever a step takes for granted is checked
+//! here, every index, length and cross-reference, so that a world that can be made of them can be stepped.
 
 use super::Snapshot;
 use super::numbers::check_numbers;

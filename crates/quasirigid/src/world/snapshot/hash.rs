@@ -50,11 +50,12 @@ struct HandOf<'a> {
 }
 
 impl World {
-    /// A number that is the same for two worlds in the same state: a world and its copy, or two worlds that were built and stepped alike. Worlds with the same number have,
-    /// but for one chance in 2^64, the same future bit by bit: in it is all that decides a later step ([`crate::Snapshot`] says what that is), and what was found in
-    /// the last one.
+    /// A number that is the same for two worlds in the same state: a world and its copy, or two worlds that were built and
+    /// stepped alike. Worlds with the same number have, but for one chance in 2^64, the same future bit by bit: in it is all
+    /// that decides a later step ([`crate::Snapshot`] says what that is), and what was found in the last one.
     ///
-    /// Not in it: numbers of worlds and generations of handles, the number of threads, which changes no bit, times that were measured, and scratch.
+    /// Not in it: numbers of worlds and generations of handles, the number of
+    /// threads, which changes no bit, times that were measured, and scratch.
     pub fn state_hash(&self) -> u64 {
         let finger = |&finger: &_| self.slot(finger).ok();
         let hand = |hand: &'_ crate::world::Hand| -> Vec<Option<u32>> { hand.fingers.iter().map(finger).collect() };

@@ -1,8 +1,9 @@
 //! Snapshots: the whole state of a world, to come back to and to branch from.
 //!
-//! In a snapshot is whatever a later step reads: bodies with their drives and targets, what pairs remember, friction, parameters, and the caches of the search and of the
-//! elastic rows *with their validity*, for they decide the last bits of later steps. So is what a controller reads between two steps: contacts and reactions of the last one.
-//! Not in it is scratch that is written before it is read. Surfaces are shared, not copied.
+//! In a snapshot is whatever a later step reads: bodies with their drives and targets, what pairs remember, friction,
+//! parameters, and the caches of the search and of the elastic rows *with their validity*, for they decide the last
+//! bits of later steps. So is what a controller reads between two steps: contacts and reactions of the last one. Not
+//! in it is scratch that is written before it is read. Surfaces are shared, not copied.
 
 mod bytes;
 mod check;
@@ -100,10 +101,11 @@ impl World {
         }
     }
 
-    /// Takes this world back to a state that it, or any other world, was in. Any number of steps from here gives the same bits as it did from there. The number of threads stays
-    /// that of this world.
+    /// Takes this world back to a state that it, or any other world, was in. Any number of steps from here
+    /// gives the same bits as it did from there. The number of threads stays that of this world.
     ///
-    /// Handles of bodies, colliders and hands that were there at the time name them again, if the snapshot is of this world; those of later ones name nothing.
+    /// Handles of bodies, colliders and hands that were there at the time name them again,
+    /// if the snapshot is of this world; those of later ones name nothing.
     pub fn restore(&mut self, snapshot: &Snapshot) {
         let threads = self.params.threads;
         self.params = Parameters { threads, ..snapshot.params.clone() };
@@ -122,7 +124,8 @@ impl World {
         };
     }
 
-    /// A new world in the state of a snapshot. Steps of the one and of the other, or of the world that the snapshot is of, never influence each other.
+    /// A new world in the state of a snapshot. Steps of the one and of the other, or of
+    /// the world that the snapshot is of, never influence each other.
     ///
     /// # Errors
     /// [`crate::Error::InvalidValue`] if the system cannot start as many threads.

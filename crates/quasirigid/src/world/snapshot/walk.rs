@@ -1,5 +1,5 @@
-//! A serializer that stores nothing: it shows every number of what it is given to a visitor, in order. What is hashed, compared or checked of a state is then always all of it,
-//! whatever fields the types have.
+//! A serializer that stores nothing: it shows every number of what it is given to a visitor, in order. What is
+//! hashed, compared or checked of a state is then always all of it, whatever fields the types have.
 
 use crate::math::Real;
 use serde::ser::{
