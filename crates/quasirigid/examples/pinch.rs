@@ -28,8 +28,8 @@ fn main() -> quasirigid::Result<()> {
     let surface = Arc::new(Surface::build(shapes::sample_fingertip(Vec3::new(0.009, 0.009, 0.008), 2_400)?, Some(320))?);
     let pose = |side: Real, distance: Real| {
         // The pad's +z turns to point at the box.
-        let turn = Rot::from_axis_angle(&Vec3::y_axis(), -side * std::f64::consts::FRAC_PI_2);
-        Pose::from_parts(Vec3::new(side * distance, 0.0, 0.025).into(), turn)
+        let rotation = Rot::from_axis_angle(&Vec3::y_axis(), -side * std::f64::consts::FRAC_PI_2);
+        Pose::from_parts(Vec3::new(side * distance, 0.0, 0.025).into(), rotation)
     };
     let mut pads = Vec::new();
     for side in [-1.0, 1.0] {

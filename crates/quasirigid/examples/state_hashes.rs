@@ -72,10 +72,11 @@ fn box_grasp(trace: &mut Trace) -> Result<World> {
         }
         if step > 1_100 {
             let base = scene.world.hand(scene.hand)?.base;
-            let turn = Rot::from_axis_angle(&Vec3::y_axis(), 2e-3);
-            scene
-                .world
-                .move_hand_to(scene.hand, Pose::from_parts((base.translation.vector + Vec3::z() * 1e-4).into(), turn * base.rotation))?;
+            let rotation = Rot::from_axis_angle(&Vec3::y_axis(), 2e-3);
+            scene.world.move_hand_to(
+                scene.hand,
+                Pose::from_parts((base.translation.vector + Vec3::z() * 1e-4).into(), rotation * base.rotation),
+            )?;
         }
         scene.step()?;
         trace.note(&scene.world);
@@ -196,9 +197,9 @@ fn tracked_hand(trace: &mut Trace) -> Result<World> {
     let pose = |side: Real, t: Real| {
         let inward = (0.1 * t).min(0.0095);
         let lift = 0.1 * (t - 0.25).clamp(0.0, 0.3);
-        let turn = Rot::from_axis_angle(&Vec3::y_axis(), -side * std::f64::consts::FRAC_PI_2);
+        let rotation = Rot::from_axis_angle(&Vec3::y_axis(), -side * std::f64::consts::FRAC_PI_2);
         let sway = 0.002 * (9.0 * t).sin();
-        Pose::from_parts(Vec3::new(side * (0.036 - inward) + sway, 0.0, 0.02 + lift).into(), turn)
+        Pose::from_parts(Vec3::new(side * (0.036 - inward) + sway, 0.0, 0.02 + lift).into(), rotation)
     };
     for side in [-1.0, 1.0] {
         let mass = MassProperties::cuboid(Vec3::repeat(0.018), Amount::Mass(0.02))?;

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Raised by whoever does not want the result any more; the loops that build a surface look at it often.
+/// Raised when the result is not wanted any more; the loops that build a surface test it often.
 ///
 /// ```
 /// use quasirigid::interrupt::Interrupt;

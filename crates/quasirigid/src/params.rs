@@ -7,9 +7,9 @@ use crate::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// A body that would move, or turn, by more than this in one step before contact forces has gone
-/// bad: it is quarantined before others can feel it, m or rad. Far above anything in a grasp, so
-/// that nobody meets it by chance; far below where squares of numbers overflow.
+/// A body that would move, or turn, by more than this in one step before contact forces is
+/// quarantined before it acts on others, m or rad. Far above any motion in a grasp, and far below
+/// where squares of numbers overflow.
 pub(crate) const ABSURD_DISPLACEMENT: Real = 100.0;
 
 /// Parameters of a world. Plain data; [`Parameters::check`] is called when a world is made or its parameters are replaced.
@@ -33,20 +33,20 @@ pub struct Parameters {
     /// hold as hard, but not as still: which points stand for a patch may change as the bodies move.
     pub traversal_budget: usize,
     /// Sphere tests are done with this much more margin, m, and their result is kept until the two bodies have
-    /// moved by it. Default 5e-4. Larger means fewer traversals and more control points to look at in each step.
+    /// moved by it. Default 5e-4. Larger means fewer traversals and more control points to test in each step.
     /// Where control points are far apart it is a tenth of their spacing, if that is more.
     pub traversal_slack: Real,
     /// Projections on a surface stop when the distance left is below this, m. Default 1e-10.
     pub projection_tolerance: Real,
     /// A projection is kept, with its tangent plane for the surface, until its control point has moved this far from
     /// where it was made, m. Default 1e-6: on a radius of 1 mm the plane is then off by 5e-10 m. On flatter surfaces
-    /// that do not yield it is kept until the plane is off by as much. 0 projects anew in every step.
+    /// that do not deform it is kept until the plane is off by as much. 0 projects again in every step.
     pub projection_slack: Real,
-    /// Surfaces are looked at anew only in every so many-th step, at least 1. Default 1. In between every contact keeps its foot
-    /// and tangent plane, carried along with the body that they are on, and only gap and slip follow the motion; a control point
+    /// Contacts are searched for again only in every so many-th step, at least 1. Default 1. In between every contact keeps its foot
+    /// and tangent plane, which move with the body that they are on, and only gap and slip follow the motion; a control point
     /// that moves by more than `contact_margin` against the other body is projected all the same. Larger saves most of collision
     /// and of the elastic part of the contact problem while things move. What it costs: over a move `d` on a radius `R` a gap is
-    /// off by `d^2/(2R)`, until the next look. 4 is a good choice for 1 kHz haptics.
+    /// off by `d^2/(2R)`, until the next search. 4 is a good choice for 1 kHz haptics.
     pub collision_every: u32,
     /// Spheres are refitted after deformation up to this level of the tree, 0 being the root; nodes above are inflated by
     /// the largest displacement instead. Default 6. Higher saves time, and makes the upper spheres looser.
@@ -55,11 +55,11 @@ pub struct Parameters {
     /// The control points keep the exact value.
     pub deformation_threshold: Real,
     /// Where two surfaces meet and the one with the coarser control points is more than this many times stiffer, it counts as
-    /// rigid: what it would yield is a thousandth of what the other does, and following it costs as much again. Default 1000,
+    /// rigid: it would deform by a thousandth of what the other does, at the same cost. Default 1000,
     /// as wood is to a fingertip; infinity never does so. Holds for pairs that meet after it was set.
     pub rigid_beyond: Real,
     /// How the friction coefficients of two materials make that of their pair. Default: the geometric mean. Pairs in the friction table
-    /// ([`crate::World::set_friction`]) do not ask it.
+    /// ([`crate::World::set_friction`]) do not use it.
     pub friction_rule: FrictionRule,
     /// Threads. Default 1. The result is the same bits for any number.
     pub threads: usize,
@@ -118,7 +118,7 @@ impl Parameters {
         check_non_negative("traversal_slack", self.traversal_slack, "m")?;
         check_non_negative("projection_slack", self.projection_slack, "m")?;
         if self.collision_every == 0 {
-            return Err(Error::value("collision_every", "at least 1", 0, "1 looks in every step"));
+            return Err(Error::value("collision_every", "at least 1", 0, "1 searches in every step"));
         }
         check_positive("projection_tolerance", self.projection_tolerance, "m")?;
         check_non_negative("deformation_threshold", self.deformation_threshold, "m")?;

@@ -10,7 +10,7 @@ use crate::world::report::{StageTimes, StepReport};
 use std::time::{Duration, Instant};
 
 impl World {
-    /// Advances the world by one time step `dt` and says how it went.
+    /// Advances the world by one time step `dt` and reports how it went.
     ///
     /// After warm-up a step allocates nothing (with one thread), and the result is the same bits for any number of threads.
     pub fn step(&mut self) -> StepReport {
@@ -62,7 +62,7 @@ impl World {
         times.w_deform = ws.problem.deform_time;
         times.hierarchy_update = ws.collision.refit_time + ws.motion.hierarchy_time;
         self.steps += 1;
-        self.hands_arrived();
+        self.update_hand_poses();
         let quarantined = self.workspace.motion.quarantined.iter().map(|&slot| self.body_at(slot)).collect();
         let handles = |&(a, b): &(u32, u32)| (self.body_at(a), self.body_at(b));
         let penetrated = self.workspace.collision.penetrated.iter().map(handles).collect();

@@ -34,7 +34,7 @@ impl WorkerPool {
         Ok(Self { pool, process: std::process::id() })
     }
 
-    /// The pool to work in. In a forked child it is made anew, with as many threads; None where
+    /// The pool to work in. In a forked child it is made again, with as many threads; None where
     /// the system has no more threads to give, for the result is the same without.
     pub fn of_this_process(&mut self, threads: usize) -> Option<&rayon::ThreadPool> {
         if self.pool.is_some() && self.process != std::process::id() {

@@ -254,7 +254,7 @@ fn bodies() {
     let mut fixed = RigidBody::fixed("b", Pose::identity()).unwrap();
     assert_refused("velocity of a fixed body", fixed.set_velocity(Vec3::x(), Vec3::zeros()));
     assert_refused("force on a fixed body", fixed.set_external_wrench(Vec3::x(), Vec3::zeros()));
-    assert_refused("a free body told to move", free().move_to(Pose::identity()));
+    assert_refused("a free body with a target", free().move_to(Pose::identity()));
     let mut broken = PoseDrive::new(Pose::identity(), [1.0; 2], [0.0; 2]).unwrap();
     broken.target_velocity[3] = NAN;
     assert_refused("target velocity", free().set_drive(Some(broken)));

@@ -1,4 +1,4 @@
-//! Balance: contact forces carry weight and inertia, action equals reaction, and the contact problem foretells what the step does.
+//! Balance: contact forces carry weight and inertia, action equals reaction, and the contact problem predicts what the step does.
 
 #[path = "common/matrices.rs"]
 mod matrices;
@@ -255,7 +255,7 @@ fn predicted_against_done(model: ComplianceModel, dt: Real) -> (Real, Real, Real
 }
 
 #[test]
-fn contact_problem_foretells_gap_and_slip_to_second_order() {
+fn contact_problem_predicts_gap_and_slip_to_second_order() {
     let pulp = Material::preset("fingertip_pulp").unwrap();
     for model in [pulp.local().unwrap(), ComplianceModel::HalfSpace] {
         let coarse = predicted_against_done(model.clone(), 2e-3);

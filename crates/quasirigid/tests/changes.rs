@@ -9,7 +9,7 @@ use quasirigid::surface::{PointSurface, Surface, shapes};
 use quasirigid::{BodyHandle, Parameters, World};
 use std::sync::Arc;
 
-fn stuff(name: &str) -> Material {
+fn material(name: &str) -> Material {
     Material::preset(name).unwrap().with_friction(0.9).unwrap()
 }
 
@@ -29,7 +29,7 @@ fn force(pinch: &Pinch) -> Real {
 
 #[test]
 fn a_material_that_forgets_sooner_presses_as_before() {
-    let mut pinch = held(&stuff("wood"));
+    let mut pinch = held(&material("wood"));
     let before = force(&pinch);
     let pulp = pinch.world.skin(pinch.pads[0]).unwrap().unwrap().material.clone();
     for tau in [0.0, 0.2, pulp.relaxation_time] {
@@ -45,7 +45,7 @@ fn a_material_that_forgets_sooner_presses_as_before() {
 
 #[test]
 fn an_object_whose_compliance_model_changes_is_held_as_still_as_before() {
-    let local = stuff("silicone");
+    let local = material("silicone");
     let half_space = local.clone().with_model(ComplianceModel::HalfSpace).unwrap();
     for (first, second) in [(&half_space, &local), (&local, &half_space)] {
         let mut pinch = held(first);
@@ -64,7 +64,7 @@ fn an_object_whose_compliance_model_changes_is_held_as_still_as_before() {
 
 #[test]
 fn an_object_that_becomes_soft_yields_and_one_that_becomes_hard_does_not() {
-    let (steel, soft) = (stuff("steel"), stuff("ecoflex"));
+    let (steel, soft) = (material("steel"), material("ecoflex"));
     for (first, second) in [(&steel, &soft), (&soft, &steel)] {
         let mut pinch = held(first);
         pinch.world.set_material(pinch.object, second).unwrap();
@@ -106,7 +106,7 @@ fn add(world: &mut World, points: PointSurface, mass: Option<Real>, at: Vec3) ->
         }
         None => RigidBody::fixed("fixed", pose),
     };
-    world.add_body(body.unwrap(), Some((surface, stuff("steel")))).unwrap()
+    world.add_body(body.unwrap(), Some((surface, material("steel")))).unwrap()
 }
 
 #[test]

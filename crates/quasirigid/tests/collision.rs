@@ -173,7 +173,7 @@ fn a_small_budget_gives_fewer_contacts_that_press_as_hard_and_says_so() {
             assert!(found.2, "{model:?} budget {budget}: does not say that it is coarse");
             assert!(found.1 < fine.1, "{model:?} budget {budget}: {} contacts, {} fine", found.1, fine.1);
             last = last.min(found.1);
-            // Its share in the contact is told by 32 samples of each node.
+            // Its share in the contact is estimated from 32 samples of each node.
             let off = (found.0 / fine.0 - 1.0).abs();
             assert!(off < 0.25, "{model:?} budget {budget}: {} N against {} N, {:.0} % off", found.0, fine.0, off * 100.0);
         }
@@ -260,7 +260,7 @@ fn what_is_remembered_of_the_last_projection_changes_gaps_by_less_than_a_nanomet
 
 #[test]
 fn a_larger_margin_holds_from_the_next_step_on() {
-    // Control points that were told to be apart must not stay so when more is asked for, also where nothing moves.
+    // Control points that were found separated must be tested again when the margin grows, also where nothing moves.
     let wide = Parameters { contact_margin: 1.2e-3, ..Parameters::default() };
     let boxes = || shapes::sample_box(Vec3::repeat(0.05), 4_800).unwrap();
     let keys = |world: &World| world.contacts().iter().map(|c| c.control_point).collect::<Vec<_>>();

@@ -32,7 +32,7 @@ fn a_pinched_box_does_not_creep() {
 }
 
 /// Forces (N) on a soft pad that rolls over a ball and slides on it, at up to 0.05
-/// m/s, over 300 steps, and how many of its contacts were projected anew.
+/// m/s, over 300 steps, and how many of its contacts were projected again.
 fn forces_of_a_dance(collision_every: u32) -> (Vec<Vec3>, usize) {
     let mut world = World::new(Parameters { gravity: Vec3::zeros(), collision_every, ..Parameters::default() }).unwrap();
     let surface = |points, control| Arc::new(Surface::build(points, Some(control)).unwrap());

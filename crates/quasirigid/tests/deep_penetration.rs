@@ -1,6 +1,6 @@
 //! Deep penetration: bodies that were put into each other come out on the near side, no faster than the
 //! push-out speed: next to no energy where they overlap by millimetres, though it may be most of what an
-//! overlap of tenths is worth; a jump into a body gives no more than it took.
+//! overlap of tenths is worth; a jump into a body releases no more energy than it took.
 
 use quasirigid::body::{Amount, MassProperties, Motion, RigidBody};
 use quasirigid::collider::{ComplianceModel, Material};

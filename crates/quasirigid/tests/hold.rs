@@ -132,9 +132,9 @@ fn turn(pinch: &mut Pinch, rest: &[Pose; 2], from: Real, to: Real, speed: Real, 
     };
     let steps = ((to - from).abs() / speed / pinch.world.parameters().dt).round() as usize;
     for step in 1..=steps {
-        let told = about(from + (to - from) * smooth(step, steps));
+        let target = about(from + (to - from) * smooth(step, steps));
         for (pad, rest) in pinch.pads.into_iter().zip(rest) {
-            pinch.world.body_mut(pad).unwrap().move_to(told * rest).unwrap();
+            pinch.world.body_mut(pad).unwrap().move_to(target * rest).unwrap();
         }
         pinch.world.step();
     }

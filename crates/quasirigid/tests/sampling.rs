@@ -24,7 +24,7 @@ fn force(surface: PointSurface, control_points: usize, height: Real, depth: Real
     let soft = world
         .add_body(RigidBody::fixed("pad", pose).unwrap(), Some((surface_of(surface, control_points), at_once(material.clone()))))
         .unwrap();
-    // Two fixed bodies do not meet: the plate is held by a spring that gives by a millionth of the depth.
+    // Two fixed bodies do not meet: the plate is held by a spring that is compressed by a millionth of the depth.
     let mass = MassProperties::sphere(0.02, Amount::Mass(1.0)).unwrap();
     let mut body = RigidBody::free("plate", mass, Motion::Inertial, Pose::identity()).unwrap();
     body.set_drive(Some(PoseDrive::new(Pose::identity(), [1e10, 1e8], [0.0, 0.0]).unwrap())).unwrap();

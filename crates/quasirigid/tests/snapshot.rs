@@ -218,7 +218,7 @@ fn a_held_grasp_branches_a_thousand_times() {
         "{} contacts: take {take:?}, restore {restore:?}, branch and step {branch:?}, hash {hash:?}, read {read:?}; {size:?} bytes",
         world.contacts().len()
     );
-    // Surfaces are shared: building them anew, as reading does, takes far longer.
+    // Surfaces are shared: building them again, as reading does, takes far longer.
     assert!(5 * branch < read, "a branch takes {branch:?}, reading {read:?}");
     assert!(held.memory() < bytes.len(), "{size:?} bytes");
 }

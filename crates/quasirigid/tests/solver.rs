@@ -26,7 +26,7 @@ fn assert_converged(problem: &Problem, solution: &Solution) {
 }
 
 /// Within one step four corners, each with a tenth of the block's own
-/// compliance, give way by 1/40 of what the block would: force in series.
+/// compliance, deflect by 1/40 of what the block would: force in series.
 const SHARE: Real = 1.0 / (1.0 + 0.1 / 4.0);
 
 #[test]
@@ -53,10 +53,10 @@ fn sliding_block_accelerates_as_coulomb_says() {
     let solution = problem.solve(&SolverParameters { tolerance: 1e-12, ..Default::default() });
     problem.w.set_reactions(&solution.f);
     let slip = (problem.w.displacement(0) + problem.delta_free[0]).y;
-    // The relative displacement has the give of the corner in it.
-    let give = 0.1 * DT * DT * solution.f[0].y;
+    // The relative displacement has the deflection of the corner in it.
+    let deflection = 0.1 * DT * DT * solution.f[0].y;
     let expected = 9.81 * (angle.sin() - mu * SHARE * angle.cos()) * DT * DT;
-    assert!((slip - give - expected).abs() < 1e-9 * expected, "{} against {expected}", slip - give);
+    assert!((slip - deflection - expected).abs() < 1e-9 * expected, "{} against {expected}", slip - deflection);
 }
 
 /// A block between two pads, pulled down with `load`: held up to `2 mu N`.

@@ -16,16 +16,16 @@ const MASS: Real = 0.2;
 /// A wooden box, let go a little tilted over a stand.
 fn falling_box(params: Parameters, stand: &str, height: Real) -> (World, BodyHandle) {
     let surface = |points, control| Arc::new(Surface::build(points, Some(control)).unwrap());
-    let stuff = |name| Material::preset(name).unwrap();
+    let material = |name| Material::preset(name).unwrap();
     let mut world = World::new(params).unwrap();
     let support = RigidBody::fixed("stand", Pose::translation(0.0, 0.0, -0.005)).unwrap();
     let top = shapes::sample_box(Vec3::new(0.03, 0.03, 0.01), 2_000).unwrap();
-    world.add_body(support, Some((surface(top, 267), stuff(stand)))).unwrap();
+    world.add_body(support, Some((surface(top, 267), material(stand)))).unwrap();
     let size = Vec3::new(0.06, 0.06, 0.08);
     let mass = MassProperties::cuboid(size, Amount::Mass(MASS)).unwrap();
     let pose = Pose::from_parts(Vec3::new(0.0, 0.0, 0.04 + height).into(), Rot::from_euler_angles(0.01, 0.005, 0.0));
     let body = RigidBody::free("box", mass, Motion::Inertial, pose).unwrap();
-    let object = world.add_body(body, Some((surface(shapes::sample_box(size, 12_000).unwrap(), 1_600), stuff("wood")))).unwrap();
+    let object = world.add_body(body, Some((surface(shapes::sample_box(size, 12_000).unwrap(), 1_600), material("wood")))).unwrap();
     (world, object)
 }
 

@@ -16,9 +16,9 @@ pub struct PoseDrive {
     pub stiffness: [Real; 2],
     /// Damping in translation (N s/m) and rotation (N m s/rad).
     pub damping: [Real; 2],
-    /// Most that it pulls with: force (N) and torque (N m). Infinite for a spring without a limit.
+    /// Largest force (N) and torque (N m) of the pull. Infinite for a spring without a limit.
     pub max_pull: [Real; 2],
-    /// Most speed that it draws a body with that nothing else moves: m/s and rad/s. Infinite for one without a limit.
+    /// Largest speed to which it brings a body that nothing else moves: m/s and rad/s. Infinite for one without a limit.
     pub max_speed: [Real; 2],
 }
 

@@ -9,6 +9,6 @@ pub struct BodyEntry {
     pub body: Body,
     /// The hand it belongs to: index in the world's list.
     pub hand: Option<u32>,
-    /// Set aside because it became non-finite: it neither moves nor touches.
+    /// Quarantined because its state became non-finite: it neither moves nor touches.
     pub quarantined: bool,
 }

@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 pub enum Motion {
     /// Newton and Euler: `M dv/dt = forces`.
     Inertial,
-    /// The paper's body without inertia (equation 15): `B v = forces`. Rests as soon as it is left alone.
+    /// The paper's body without inertia (equation 15): `B v = forces`. At rest as soon as no force acts.
     QuasiStatic,
 }
 
@@ -34,7 +34,7 @@ pub enum Motion {
 pub enum Body {
     /// A rigid body, one link.
     Rigid(RigidBody),
-    /// A chain of revolute joints on a base that moves as told, one link per joint.
+    /// A chain of revolute joints on a base with prescribed motion, one link per joint.
     Finger(Finger),
 }
 
@@ -109,11 +109,11 @@ impl Body {
         }
     }
 
-    /// Displacement (m, world) in this step of the material point at `point`, due to motion that is told from outside: a fixed
-    /// body on its way to its target, or the base of a finger.
+    /// Displacement (m, world) in this step of the material point at `point`, due to prescribed motion: that of a fixed
+    /// body on its way to its target, or of the base of a finger.
     ///
-    /// To first order in the motion, `t + theta x (p - o)`, o the origin of what moves: how far it
-    /// may get. What a contact problem is made of is [`crate::pair::RelativeMotion`].
+    /// To first order in the motion, `t + theta x (p - o)`, o the origin of what moves: a bound on
+    /// how far it goes. The contact problem uses [`crate::pair::RelativeMotion`].
     pub fn prescribed_displacement(&self, point: &Vec3) -> Vec3 {
         let ((translation, theta), origin) = match self {
             Body::Rigid(body) => (body.prescribed_motion(), body.pose().translation.vector),

@@ -8,8 +8,8 @@ use crate::math::{Mat3, Mat3x6, Pose, Real, Vec3, Vec6, pose_is_finite, skew};
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
-/// Time in which a quasi-static body of default viscosity follows a change of load (s). It sets `b = m / tau`: heavy enough
-/// that a body does not jump under solver noise, light enough that it follows a hand.
+/// Time in which a quasi-static body of default viscosity follows a change of load (s). It sets `b = m / tau`: large enough
+/// that a body does not jump under solver noise, small enough that it follows a hand.
 pub const DEFAULT_VISCOUS_TIME: Real = 0.05;
 
 /// Whether contacts and loads can move a rigid body.
@@ -17,7 +17,7 @@ pub const DEFAULT_VISCOUS_TIME: Real = 0.05;
 pub enum Mobility {
     /// Six degrees of freedom.
     Free(Motion),
-    /// None: it stays, or goes where it is told.
+    /// None: it stays, or its motion is prescribed.
     Fixed,
 }
 
@@ -183,14 +183,14 @@ impl RigidBody {
         self.drive.as_ref()
     }
 
-    /// Where a fixed body will be after the next step, if it was told to move.
+    /// Where a fixed body will be after the next step, if a target was set.
     pub fn target_pose(&self) -> Option<&Pose> {
         self.target_pose.as_ref()
     }
 
     /// Puts the body elsewhere at once: no displacement in a step, no friction with what it
-    /// touches. A free body keeps its velocities, world axes; a fixed one is at rest and forgets
-    /// where it was told to go. To carry things along, use [`RigidBody::move_to`].
+    /// touches. A free body keeps its velocities, world axes; a fixed one is at rest and loses
+    /// its target. To carry things along, use [`RigidBody::move_to`].
     ///
     /// # Errors
     /// A pose that is not finite.
@@ -226,7 +226,7 @@ impl RigidBody {
     /// # Errors
     /// Non-finite or negative numbers; zero for a quasi-static body; a fixed body.
     pub fn set_viscosity(&mut self, linear: Real, angular: Real) -> Result<()> {
-        self.refuse_fixed("viscosity", "a fixed body moves as it is told")?;
+        self.refuse_fixed("viscosity", "the motion of a fixed body is prescribed")?;
         let check = if self.mobility == Mobility::Free(Motion::QuasiStatic) { check_positive } else { check_non_negative };
         check("linear viscosity", linear, "N s/m")?;
         check("angular viscosity", angular, "N m s/rad")?;

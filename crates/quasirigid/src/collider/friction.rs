@@ -107,7 +107,7 @@ impl Friction {
         Ok(friction)
     }
 
-    /// Refuses what no friction is.
+    /// Refuses coefficients that no friction has.
     ///
     /// # Errors
     /// Non-finite numbers; a negative coefficient or one above 1e6; a kinetic coefficient above the static one; a Stribeck
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_friction_is_is_refused() {
+    fn coefficients_out_of_range_are_refused() {
         let ok = Friction::coulomb(0.5).unwrap();
         assert!(Friction::coulomb(-0.1).is_err() && Friction::coulomb(Real::NAN).is_err());
         for kinetic in [-0.1, 0.6, Real::NAN] {

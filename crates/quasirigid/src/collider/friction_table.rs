@@ -37,16 +37,16 @@ impl FrictionRule {
 /// Friction of two bodies, as the contacts between them need it. Made once for a pair, by [`FrictionTable::pair`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PairFriction {
-    /// What holds in all directions or, with a direction, before it is looked at.
+    /// The law without its anisotropy.
     law: Friction,
-    /// Both materials, if at least one is anisotropic. The side without an entry has no say.
+    /// Both materials, if at least one is anisotropic. A side without an entry does not count.
     anisotropic: Option<([Option<Friction>; 2], FrictionRule)>,
 }
 
 impl PairFriction {
     /// Of two materials, `a` being the one whose control points are used.
     pub fn of(a: &Friction, b: &Friction, rule: FrictionRule) -> Self {
-        // A film that either brings along drags, and only what falls with speed has a Stribeck velocity.
+        // A film on either side drags, and only velocity-weakening friction has a Stribeck velocity.
         let stribeck_velocity = match (a.is_velocity_weakening(), b.is_velocity_weakening()) {
             (true, true) => (a.stribeck_velocity * b.stribeck_velocity).sqrt(),
             (false, true) => b.stribeck_velocity,
@@ -74,7 +74,7 @@ impl PairFriction {
         (self.anisotropic.is_none() && !self.law.is_velocity_weakening()).then_some(self.law.static_coefficient)
     }
 
-    /// Whether it falls with slip speed, so that slip speeds have to be remembered.
+    /// Whether it is velocity-weakening, so that slip speeds have to be remembered.
     pub fn is_velocity_weakening(&self) -> bool {
         self.law.is_velocity_weakening()
             || self.anisotropic.is_some_and(|(sides, _)| sides.iter().flatten().any(Friction::is_velocity_weakening))
@@ -85,11 +85,11 @@ impl PairFriction {
         self.law.viscous_coefficient
     }
 
-    /// `mu(v)` (-) of a contact with this frame, along its tangent1. `speed`: m/s; `turns`:
+    /// `mu(v)` (-) of a contact with this frame, along its tangent1. `speed`: m/s; `rotations`:
     /// rotations from the frames of the surfaces `a` and `b` to the world.
-    pub fn coefficient(&self, frame: &Mat3, speed: Real, turns: [&Mat3; 2]) -> Real {
+    pub fn coefficient(&self, frame: &Mat3, speed: Real, rotations: [&Mat3; 2]) -> Real {
         let Some(anisotropic) = &self.anisotropic else { return self.law.coefficient(speed) };
-        let [static_coefficient, kinetic_coefficient] = along(anisotropic, &frame.column(1).into_owned(), turns);
+        let [static_coefficient, kinetic_coefficient] = along(anisotropic, &frame.column(1).into_owned(), rotations);
         stribeck(static_coefficient, kinetic_coefficient, self.law.stribeck_velocity, speed)
     }
 
@@ -98,22 +98,22 @@ impl PairFriction {
     ///
     /// Columns (normal, tangent1, tangent2) in world axes, orthonormal. tangent1 lies along the
     /// direction: of the side whose ellipse is farther from a circle, if both have one.
-    pub fn frame(&self, normal: &Vec3, turns: [&Mat3; 2]) -> Option<(Mat3, Real)> {
+    pub fn frame(&self, normal: &Vec3, rotations: [&Mat3; 2]) -> Option<(Mat3, Real)> {
         let anisotropic = self.anisotropic.as_ref()?;
         let anisotropy = |side: usize| anisotropic.0[side].and_then(|friction| friction.anisotropy);
         let eccentricity = |side: usize| anisotropy(side).map_or(-1.0, |anisotropy| anisotropy.ratio.ln().abs());
         let leading = usize::from(eccentricity(1) > eccentricity(0));
-        let frame = contact_frame(normal, &(turns[leading] * anisotropy(leading)?.direction));
-        let [mu_1, mu_2] = [1, 2].map(|axis| along(anisotropic, &frame.column(axis).into_owned(), turns)[0]);
+        let frame = contact_frame(normal, &(rotations[leading] * anisotropy(leading)?.direction));
+        let [mu_1, mu_2] = [1, 2].map(|axis| along(anisotropic, &frame.column(axis).into_owned(), rotations)[0]);
         Some((frame, if mu_1 > 0.0 { mu_2 / mu_1 } else { 1.0 }))
     }
 }
 
 /// Static and kinetic coefficient (-) against slip along the unit tangent `t` (world).
-fn along((sides, rule): &([Option<Friction>; 2], FrictionRule), t: &Vec3, turns: [&Mat3; 2]) -> [Real; 2] {
+fn along((sides, rule): &([Option<Friction>; 2], FrictionRule), t: &Vec3, rotations: [&Mat3; 2]) -> [Real; 2] {
     let of = |side: usize| {
         sides[side].map(|friction| {
-            let share = friction.share_along(&turns[side].tr_mul(t));
+            let share = friction.share_along(&rotations[side].tr_mul(t));
             [friction.static_coefficient * share, friction.kinetic_coefficient * share]
         })
     };
@@ -123,7 +123,7 @@ fn along((sides, rule): &([Option<Friction>; 2], FrictionRule), t: &Vec3, turns:
     }
 }
 
-/// Whom an entry of the table is about.
+/// What an entry of the table is about.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) enum FrictionKey {
     /// All bodies of a material, by its name.
@@ -161,7 +161,7 @@ impl FrictionTable {
         }
     }
 
-    /// Names of the materials that it speaks of, some perhaps more than once.
+    /// Names of the materials in it, some perhaps more than once.
     pub(crate) fn materials(&self) -> impl Iterator<Item = &str> {
         self.entries.iter().flat_map(|(x, y, _)| [x, y]).filter_map(|key| match key {
             FrictionKey::Material(name) => Some(name.as_str()),
@@ -169,7 +169,7 @@ impl FrictionTable {
         })
     }
 
-    /// Refuses a table with entries that speak of no body, or of what is no friction.
+    /// Refuses a table with entries about a body that is not there, or with an invalid friction.
     pub(crate) fn check(&self, is_body: impl Fn(u32) -> bool) -> Result<(), String> {
         for (x, y, friction) in &self.entries {
             friction.check().map_err(|error| error.to_string())?;
@@ -190,7 +190,7 @@ impl FrictionTable {
     /// a material, then two materials; of equals the one set last), else what the rule makes of their materials.
     ///
     /// A direction in an entry lies in the frame of the body named first; where the names do
-    /// not tell the two apart, of `a` if `a_first`: of the body added first.
+    /// not distinguish the two, of `a` if `a_first`: of the body added first.
     pub(crate) fn pair(&self, [a, b]: [u32; 2], a_first: bool, [of_a, of_b]: [&Material; 2], rule: FrictionRule) -> PairFriction {
         let mut best: Option<(u32, PairFriction)> = None;
         for (x, y, friction) in &self.entries {
@@ -229,14 +229,14 @@ mod tests {
 
     #[test]
     fn stribeck_velocity_and_film_come_from_the_side_that_has_them() {
-        let falling = coulomb(0.8).with_kinetic(0.5, 4e-3).unwrap().with_viscous(3.0).unwrap();
-        for (a, b) in [(falling, coulomb(0.2)), (coulomb(0.2), falling)] {
+        let weakening = coulomb(0.8).with_kinetic(0.5, 4e-3).unwrap().with_viscous(3.0).unwrap();
+        for (a, b) in [(weakening, coulomb(0.2)), (coulomb(0.2), weakening)] {
             let pair = PairFriction::of(&a, &b, FrictionRule::GeometricMean);
             assert!(pair.is_velocity_weakening() && pair.constant().is_none());
             assert_eq!((pair.law.stribeck_velocity, pair.viscous_coefficient()), (4e-3, 3.0));
             assert_eq!(pair.law.kinetic_coefficient, (0.5_f64 * 0.2).sqrt());
         }
-        let both = PairFriction::of(&falling, &coulomb(0.2).with_kinetic(0.1, 1e-3).unwrap(), FrictionRule::Mean);
+        let both = PairFriction::of(&weakening, &coulomb(0.2).with_kinetic(0.1, 1e-3).unwrap(), FrictionRule::Mean);
         assert!((both.law.stribeck_velocity - 2e-3).abs() < 1e-18);
     }
 
@@ -250,9 +250,9 @@ mod tests {
             let n = n.normalize();
             let friction = coulomb(0.5).with_anisotropy(d, ratio).unwrap();
             let pair = PairFriction::given(&friction, true);
-            let turns = [&Mat3::identity(), &Mat3::identity()];
-            let (frame, ratio) = pair.frame(&n, turns).unwrap();
-            let mu = pair.coefficient(&frame, 0.0, turns);
+            let rotations = [&Mat3::identity(), &Mat3::identity()];
+            let (frame, ratio) = pair.frame(&n, rotations).unwrap();
+            let mu = pair.coefficient(&frame, 0.0, rotations);
             // Resistance against any slip direction: mu |D t|, D = diag(1, 1, mu_2/mu_1), must be that of the friction tensor.
             let plain = contact_frame(&n, &Vec3::x());
             let t = plain.column(1) * angle.cos() + plain.column(2) * angle.sin();
@@ -267,11 +267,11 @@ mod tests {
         ) {
             let on_a = coulomb(mu_a).with_anisotropy(Vec3::x(), a).unwrap();
             let on_b = coulomb(mu_b).with_anisotropy(Vec3::y(), b).unwrap();
-            let turns = [&Mat3::identity(), &Mat3::identity()];
+            let rotations = [&Mat3::identity(), &Mat3::identity()];
             for rule in RULES {
                 let pair = PairFriction::of(&on_a, &on_b, rule);
-                let (frame, ratio) = pair.frame(&Vec3::z(), turns).unwrap();
-                let mu = pair.coefficient(&frame, 0.0, turns);
+                let (frame, ratio) = pair.frame(&Vec3::z(), rotations).unwrap();
+                let mu = pair.coefficient(&frame, 0.0, rotations);
                 for (t, expected) in [(Vec3::x(), rule.combine(mu_a, b * mu_b)), (Vec3::y(), rule.combine(a * mu_a, mu_b))] {
                     let slip = frame.tr_mul(&t);
                     let got = mu * slip.y.hypot(ratio * slip.z);
@@ -284,11 +284,11 @@ mod tests {
     #[test]
     fn a_direction_normal_to_the_surface_leaves_a_circle() {
         let friction = coulomb(0.5).with_anisotropy(Vec3::z(), 0.4).unwrap();
-        let turns = [&Mat3::identity(), &Mat3::identity()];
+        let rotations = [&Mat3::identity(), &Mat3::identity()];
         let pair = PairFriction::given(&friction, true);
-        let (frame, ratio) = pair.frame(&Vec3::z(), turns).unwrap();
+        let (frame, ratio) = pair.frame(&Vec3::z(), rotations).unwrap();
         assert!((ratio - 1.0).abs() < 1e-12, "mu_2/mu_1 = {ratio}");
-        assert!((pair.coefficient(&frame, 0.0, turns) - 0.2).abs() < 1e-12);
+        assert!((pair.coefficient(&frame, 0.0, rotations) - 0.2).abs() < 1e-12);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! What a body is made of: density, friction, and how its surface yields.
+//! What a body is made of: density, friction, and how its surface deforms.
 
 use crate::collider::Friction;
 use crate::error::{Error, Result, check_non_negative, check_positive};
@@ -7,7 +7,7 @@ use crate::surface::{ComplianceMatrix, ControlPoints};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// How a surface yields under load. Which one suits is a choice per material.
+/// How a surface deforms under load. Which one suits is a choice per material.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum ComplianceModel {
     /// An elastic layer on a rigid core (the paper's model): every control point is a spring, and a share of its displacement
@@ -91,11 +91,11 @@ pub struct Material {
     pub young_modulus: Real,
     /// Poisson's ratio nu (-).
     pub poisson_ratio: Real,
-    /// Thickness of the layer that yields, over a core taken as rigid (m).
+    /// Thickness of the layer that deforms, over a core taken as rigid (m).
     pub layer_thickness: Real,
     /// Relaxation time tau of the surface (s): `K u + tau K udot = f`.
     pub relaxation_time: Real,
-    /// How the surface yields.
+    /// How the surface deforms.
     pub model: ComplianceModel,
 }
 
@@ -109,12 +109,12 @@ type Preset = (&'static str, Real, Real, Real, Real, Real, Real);
 // - friction: against itself, set so that the geometric mean with fingertip pulp falls in the 0.3 to 1 that is measured for
 //   skin on dry solids (S. E. Tomlinson, R. Lewis, M. J. Carre, Review of the frictional properties of finger-object contact
 //   when gripping, Proc. IMechE J, 2007). Measure your pair and use `with_friction` where it matters.
-// - thickness: a fingertip's is anatomy; others are the depth over which a wall or a solid of hand-held size yields.
+// - thickness: a fingertip's is anatomy; others are the depth over which a wall or a solid of hand-held size deforms.
 // - relaxation time of hard materials: 1 ms, a numerical damping of their contact, far above their real one.
 #[rustfmt::skip]
 const PRESETS: &[Preset] = &[
     // Pulp of a human fingertip. Density of soft tissue. One elastic modulus for a pulp that stiffens as it is pressed: E is
-    // fitted so that a pad of semi-axes 12 x 8.5 x 7 mm pressed on a flat at 2 N yields by 1 to 2 mm over 80 to 150 mm^2, as
+    // fitted so that a pad of semi-axes 12 x 8.5 x 7 mm pressed on a flat at 2 N is indented by 1 to 2 mm over 80 to 150 mm^2, as
     // measured by E. R. Serina, C. D. Mote, D. Rempel (J. Biomech. 30, 1997) and E. R. Serina, E. Mockensturm, C. D. Mote,
     // D. Rempel (J. Biomech. 31, 1998); tests below hold both models to it. nu: nearly incompressible tissue (choice).
     // Relaxation: D. T. V. Pawluk, R. D. Howe (J. Biomech. Eng. 121, 1999) fit decays of 4 ms, 70 ms and 1.4 s to the pad;
@@ -215,7 +215,7 @@ impl Material {
         Ok(Self { relaxation_time, ..self })
     }
 
-    /// The same material with other elastic figures: E (Pa), nu (-), layer thickness (m). A local model is computed anew from
+    /// The same material with other elastic figures: E (Pa), nu (-), layer thickness (m). A local model is computed again from
     /// them, a half-space model stays one, and so does a matrix, which does not know them.
     ///
     /// # Errors
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn fingertip_at_2_newton_yields_as_measured_on_people() {
+    fn fingertip_at_2_newton_is_indented_as_measured_on_people() {
         let pulp = Material::preset("fingertip_pulp").unwrap();
         for model in [pulp.local().unwrap(), ComplianceModel::HalfSpace] {
             let (d, area) = pressed_pad(model.clone(), &pulp, 2.0);

@@ -1,8 +1,8 @@
 //! The surface of a body as it is now: material, elastic displacement, deformed points and the spheres around them.
 //!
-//! Displacements of control points follow in every step. Points and spheres are worked out when
-//! somebody looks: the spheres when a pair of bodies is traversed anew, the points when they are
-//! asked for. In between [`Skin::travel`] bounds how far any point has gone.
+//! Displacements of control points follow in every step. Points and spheres are computed when
+//! they are needed: the spheres when the trees of a pair are traversed again, the points on request.
+//! In between [`Skin::travel`] bounds how far any point has moved.
 
 mod stored;
 
@@ -174,7 +174,7 @@ impl Skin {
         self.material.relaxation_time / (self.material.relaxation_time + dt)
     }
 
-    /// Forgets the displacements of the last step, to be summed anew over the patches with [`Skin::add_displacement`].
+    /// Forgets the displacements of the last step, to be summed again over the patches with [`Skin::add_displacement`].
     pub fn clear_displacement(&mut self) {
         for c in self.displaced.drain(..) {
             self.displacement[c as usize] = Vec3::zeros();
@@ -190,7 +190,7 @@ impl Skin {
         *total += u;
     }
 
-    /// Takes over the displacements, where they have changed by more than the threshold. Points and spheres follow when somebody looks.
+    /// Takes over the displacements, where they have changed by more than the threshold. Points and spheres follow when they are needed.
     pub fn deform(&mut self, threshold: Real) {
         self.travel += self.show_changed(threshold);
     }
@@ -239,7 +239,7 @@ impl Skin {
     /// Outward unit normals of the deformed points, tree order, body frame: where points have moved, those of the implicit surface through
     /// the deformed points (design 3.5, paper section 3.4); elsewhere those of rest.
     ///
-    /// For whoever looks at the surface; nothing in a step needs them, so a step does not pay for them.
+    /// For pictures and exports; no step needs them, so none computes them.
     pub fn deformed_normals(&self) -> Vec<Vec3> {
         let surface = &self.surface;
         let (mut normals, points) = (surface.normals.clone(), self.deformed_points());

@@ -1,4 +1,4 @@
-//! Which colliders are near enough to look closer: bounding spheres, inflated by what the free motion can move.
+//! Which colliders are near enough to be traversed: bounding spheres, inflated by what the free motion can move.
 
 use crate::free_motion::{FreeMotion, free_displacement};
 use crate::math::{Real, Vec3};

@@ -3,7 +3,7 @@
 //!
 //! The traversal stops at a quarter of its budget. Of every node of `a` that is left one leaf is found with the rest: that
 //! which lies lowest over the place on `b` nearest to the middle of the node. Its control point stands for the node. If
-//! there are too many nodes to do so for each, those deepest in the tree give way to their parents.
+//! there are too many nodes to do so for each, those deepest in the tree are replaced by their parents.
 
 use super::cache::Coupled;
 use super::deep_overlap::nearest;
@@ -18,7 +18,7 @@ const TESTS: usize = 120;
 /// Sphere tests that a pair may spend however small the budget, see [`crate::Parameters::traversal_budget`].
 pub(super) const LEAST: usize = 2_000;
 
-/// Samples of a node by which its share in a contact is told.
+/// Samples of a node from which its share in a contact is estimated.
 const SAMPLES: u32 = 32;
 
 /// Two trees, `a` seen in the frame of `b`.

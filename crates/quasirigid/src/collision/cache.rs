@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 /// Coupled nodes and projections of one pair.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct PairCache {
-    /// Coupled nodes, found anew when the two have moved enough.
+    /// Coupled nodes, found again when the two have moved enough.
     pub coupling: Coupling,
     /// Last projection of each control point of `a`.
     pub projections: Vec<CachedProjection>,
@@ -50,21 +50,21 @@ pub struct Coupling {
     pub coupled: Vec<Coupled>,
     /// Margin by which the spheres were inflated, m; negative: nothing found yet.
     pub(super) margin: Real,
-    /// Whether control points were seen inside the other body, deeper than contact
-    /// goes: those that the trees do not reach are then looked for, too.
+    /// Whether control points were found inside the other body, deeper than contact
+    /// goes: those that the trees do not reach are then searched for, too.
     pub(super) deep: bool,
-    /// Whether they were looked for since the nodes were found.
+    /// Whether they were searched for since the nodes were found.
     pub(super) searched: bool,
     /// When they were found.
     pub(super) found: Moment,
-    /// Rotation of `a` against `b` when control points that nothing faced were last looked at anew because of it.
+    /// Rotation of `a` against `b` when it last invalidated the projections of control points that nothing faced.
     pub(super) faced: Rot,
-    /// Since when, and for how far a motion (m), no control point has a chance to become a contact.
+    /// Since when, and for how far a motion (m), no control point can become a contact.
     pub(super) asleep: Option<(Moment, Real)>,
-    /// Whether control points were looked for deep inside since the nodes were found, because
-    /// nothing pushed: bodies that have penetrated each other fully do not push.
+    /// Whether control points deep inside the other body were searched for since the nodes were found,
+    /// because no contact had a force: bodies that have penetrated each other fully do not push.
     pub(super) examined: bool,
-    /// Whether the last step found that the two have penetrated each other fully: the next one looks at the pair as a whole.
+    /// Whether the last step found that the two may have penetrated each other fully: the next one treats the pair as a whole.
     pub(super) suspected: bool,
     /// Whether the two have penetrated each other fully, see [`crate::collision::separation`].
     pub(super) penetrated: bool,
@@ -106,12 +106,12 @@ impl Coupling {
         asleep
     }
 
-    /// From now on, and until the two have moved by `reach` (m) or are coupled anew, no control point can become a contact.
+    /// From now on, and until the two have moved by `reach` (m) or their nodes are found again, no control point can become a contact.
     pub(super) fn fall_asleep(&mut self, reach: Real, pair: &Pair, objects: &Objects) {
         self.asleep = Some((Moment::now(pair, objects), reach));
     }
 
-    /// Whether the last look found that no control point can become a contact.
+    /// Whether the last search found that no control point can become a contact.
     pub(super) fn is_asleep(&self) -> bool {
         self.asleep.is_some()
     }
@@ -143,7 +143,7 @@ impl Default for Coupling {
 pub struct CachedProjection {
     /// Where the control point was projected from.
     pub(super) x: Vec3,
-    /// How far it may go from there before it has to be looked at again, m.
+    /// How far it may go from there before it has to be projected again, m.
     pub(super) holds_for: Real,
     /// What was found there.
     pub(super) surface: Found,
@@ -157,17 +157,17 @@ pub struct CachedProjection {
 }
 
 impl CachedProjection {
-    /// `leaves` stands for the leaves that the control point is coupled with from now on.
-    /// What was not there to be seen may be there now if they are others.
-    pub(super) fn coupled_anew(&mut self, leaves: u32) {
+    /// `leaves` stands for the leaves that the control point is coupled with from now on. If they are
+    /// others and no foot was found among the old ones, there may be one now.
+    pub(super) fn set_leaves(&mut self, leaves: u32) {
         if leaves != self.leaves {
-            self.turned();
+            self.invalidate_without_foot();
         }
         self.leaves = leaves;
     }
 
-    /// The bodies have turned against each other: other points may face it, and what was not there to be seen may be there now.
-    pub(super) fn turned(&mut self) {
+    /// To be projected again if no foot was found: where the bodies have rotated against each other, other points may face it now.
+    pub(super) fn invalidate_without_foot(&mut self) {
         if !matches!(self.surface, Found::Foot { .. }) {
             *self = Self { leaves: self.leaves, ..Self::default() };
         }
@@ -181,15 +181,15 @@ impl CachedProjection {
 pub(super) enum Found {
     /// Nothing that faces it, or no projection within the border.
     Nothing,
-    /// Too far: nothing to find until control point and free motion together have gone as far as it holds.
-    Apart,
+    /// Too far: no contact until control point and free motion together have gone as far as it holds.
+    Separated,
     /// Foot, outward normal, and the control points that the foot is interpolated from.
     Foot { foot: Vec3, normal: Vec3, weights: Weights },
 }
 
 impl Default for CachedProjection {
     fn default() -> Self {
-        // From nowhere: whatever the control point does, it has moved too far.
+        // From infinitely far: wherever the control point is, it has moved too far.
         Self { x: Vec3::repeat(Real::INFINITY), holds_for: 0.0, surface: Found::Nothing, at_edge: None, deep: false, leaves: 0 }
     }
 }

@@ -1,17 +1,17 @@
 //! Control points so deep in the other body that no leaves overlap there: bodies that were put into each other.
 //!
 //! The trees find what is near a surface. Of a fingertip that stands half in a box they find a ring of leaves around the place
-//! where the two surfaces cross, whose normals look along the face: nothing that could push it out. When the control points
-//! near the surface say that they overlap by more than what ordinary contact does, all others are asked whether they are
-//! inside. Ordinary contact never does: its gaps, elastic displacement in them, are zero to rounding.
+//! where the two surfaces cross, whose normals lie along the face: nothing that could push it out. When control points
+//! near the surface overlap by more than in ordinary contact, all others are tested for being inside. Ordinary contact
+//! never causes that: its gaps, elastic displacement included, are zero to rounding.
 
 use super::cache::Coupled;
 use crate::math::{Real, Vec3};
 use crate::surface::Surface;
 use crate::surface::implicit::FACES;
 
-/// A face that the control point looks at is its way out if it is no farther than this many times the nearest
-/// face of all. Half way into a box the sides of a fingertip would else ask for the far walls.
+/// A face that the control point faces is its way out if it is no farther than this many times the nearest
+/// face of all. Half way into a box the sides of a fingertip would otherwise choose the far walls.
 const DETOUR: Real = 1.5;
 
 /// Least share of the way to the nearest point that goes along that point's normal: beyond the rim of an open surface there is no inside.
@@ -70,7 +70,7 @@ pub(super) fn nearest(
         }
         let node = &nodes[index as usize];
         if let Some([left, right]) = node.children {
-            // The nearer child is looked at first.
+            // The nearer child is visited first.
             let swap = clear(left) < clear(right);
             stack.extend(if swap { [right, left] } else { [left, right] });
             continue;
@@ -93,7 +93,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn inside_of_a_box_is_told_from_outside_and_the_nearest_point_is_that_of_a_search_of_all(
+        fn inside_and_outside_of_a_box_are_distinguished_and_the_nearest_point_is_that_of_a_search_of_all(
             x in prop::array::uniform3(-0.04..0.04f64),
         ) {
             let surface = Surface::build(shapes::sample_box(Vec3::new(0.05, 0.04, 0.03), 2_400).unwrap(), None).unwrap();

@@ -8,6 +8,7 @@
 mod broad_phase;
 mod budget;
 mod cache;
+mod contacts;
 mod deep_overlap;
 mod nearest_point;
 mod pairs;
@@ -46,7 +47,7 @@ pub struct Collision {
     bounds: broad_phase::Bounds,
     near: Vec<(u32, u32)>,
     traversal: traversal::Traversal,
-    projection: projection::Scratch,
+    projection: contacts::Scratch,
 }
 
 impl Collision {
@@ -87,8 +88,8 @@ pub(crate) fn collision(
     }
     let traversed = Instant::now();
     let refresh = step.is_multiple_of(u64::from(params.collision_every));
-    let now = projection::StepGeometry { objects, free, reach: &out.bounds.reach, params, refresh };
-    projection::project_control_points(&mut out.projection, pairs, &mut out.caches, now, &mut out.contacts);
+    let now = contacts::StepGeometry { objects, free, reach: &out.bounds.reach, params, refresh };
+    contacts::find_contacts(&mut out.projection, pairs, &mut out.caches, now, &mut out.contacts);
     out.refit_time = out.traversal.refit_time;
     out.traverse_time = traversed - start - out.refit_time;
     out.projection_time = traversed.elapsed();
@@ -108,33 +109,33 @@ mod tests {
     /// point of its bottom, and a fingertip that pushes at its side.
     fn scene() -> (World, BodyHandle) {
         let surface = |points, control| Arc::new(Surface::build(points, Some(control)).unwrap());
-        let stuff = |name| Material::preset(name).unwrap();
+        let material = |name| Material::preset(name).unwrap();
         let mut world = World::new(Parameters::default()).unwrap();
         let mut fixed = |points, control, at: Vec3| {
             let body = RigidBody::fixed("fixed", Pose::translation(at.x, at.y, at.z)).unwrap();
-            world.add_body(body, Some((surface(points, control), stuff("silicone")))).unwrap()
+            world.add_body(body, Some((surface(points, control), material("silicone")))).unwrap()
         };
         fixed(shapes::sample_box(Vec3::new(0.016, 0.016, 0.004), 1_000).unwrap(), 130, Vec3::new(0.0, 0.0, -0.002));
         fixed(shapes::sample_half_space(0.6, 1_600).unwrap(), 200, Vec3::new(0.0, 0.0, -0.004));
         let size = Vec3::repeat(0.04);
         let mass = crate::body::MassProperties::cuboid(size, crate::body::Amount::Mass(0.1)).unwrap();
         let object = RigidBody::free("box", mass, Motion::Inertial, Pose::translation(0.0, 0.0, 0.02)).unwrap();
-        let object = world.add_body(object, Some((surface(shapes::sample_box(size, 6_000).unwrap(), 800), stuff("wood")))).unwrap();
+        let object = world.add_body(object, Some((surface(shapes::sample_box(size, 6_000).unwrap(), 800), material("wood")))).unwrap();
         let tip = shapes::sample_fingertip(Vec3::new(0.009, 0.009, 0.008), 1_200).unwrap();
         let finger = RigidBody::fixed("finger", finger_at(0)).unwrap();
-        world.add_body(finger, Some((surface(tip, 160), stuff("fingertip_pulp")))).unwrap();
+        world.add_body(finger, Some((surface(tip, 160), material("fingertip_pulp")))).unwrap();
         (world, object)
     }
 
     /// The fingertip comes from the side, pushes, and rolls a little.
     fn finger_at(step: usize) -> Pose {
         let s = step as Real * 1e-3;
-        let turn = crate::math::Rot::from_axis_angle(&Vec3::y_axis(), std::f64::consts::FRAC_PI_2 + 0.5 * s);
-        Pose::from_parts(Vec3::new(-0.0285 + 0.02 * s, 0.0, 0.022 + 0.004 * s).into(), turn)
+        let rotation = crate::math::Rot::from_axis_angle(&Vec3::y_axis(), std::f64::consts::FRAC_PI_2 + 0.5 * s);
+        Pose::from_parts(Vec3::new(-0.0285 + 0.02 * s, 0.0, 0.022 + 0.004 * s).into(), rotation)
     }
 
     #[test]
-    fn what_is_remembered_is_what_would_be_found_anew() {
+    fn what_is_remembered_is_what_would_be_found_again() {
         let ((mut world, object), (mut forgetful, forgetful_object)) = (scene(), scene());
         let (mut most, mut projected) = (0, [0, 0]);
         for step in 1..=600 {
@@ -153,8 +154,8 @@ mod tests {
             forgetful.workspace.collision.caches.iter_mut().for_each(PairCache::invalidate);
             let [here, there] =
                 [(&world, object), (&forgetful, forgetful_object)].map(|(world, object)| *world.body(object).unwrap().pose());
-            let apart = (here.translation.vector - there.translation.vector).norm() + here.rotation.angle_to(&there.rotation) * 0.02;
-            assert!(apart < 1e-7, "step {step}: {apart:e} m apart");
+            let difference = (here.translation.vector - there.translation.vector).norm() + here.rotation.angle_to(&there.rotation) * 0.02;
+            assert!(difference < 1e-7, "step {step}: {difference:e} m apart");
             assert_eq!(world.contacts().len(), forgetful.contacts().len(), "step {step}");
             most = most.max(world.contacts().len());
         }

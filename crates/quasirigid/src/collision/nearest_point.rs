@@ -16,8 +16,8 @@ pub(super) fn faces_meet(coupled: &[Coupled], skin_b: &Skin) -> bool {
     coupled.iter().any(|c| normal(c).dot(normal(&coupled[0])) < SAME_FACE)
 }
 
-/// Of the coupled nodes, the one with the point nearest to `x` among those that face the control point. Of the leaves that
-/// claim a control point the nearest keeps it; looking at points alone finds it without projecting on each.
+/// Of the coupled nodes, the one with the point nearest to `x` among those that face the control point. Of the leaves that are
+/// coupled with a control point the nearest keeps it; comparing points alone finds it without projecting on each.
 pub(super) fn nearest_node(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_a: &Vec3) -> Option<(u32, usize)> {
     let surface = &skin_b.surface;
     let mut best: Option<(Real, u32, usize)> = None;
@@ -39,7 +39,7 @@ pub(super) fn nearest_node(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_
     best.map(|(_, node, point)| (node, point))
 }
 
-/// Whether `x` lies outside, as the nearest point of all coupled nodes sees it, facing or not.
+/// Whether `x` lies outside, by the normal of the nearest point of all coupled nodes, facing or not.
 pub(super) fn is_outside(coupled: &[Coupled], skin_b: &Skin, x: &Vec3) -> bool {
     height_over_nearest(coupled, skin_b, x).is_some_and(|height| height > 0.0)
 }
@@ -110,16 +110,16 @@ mod tests {
     /// Leaves of three points, every other one in the border, more than there is room for; and their neighbours, which are one piece.
     #[test]
     fn no_point_of_a_border_is_left_out_or_counted_twice() {
-        for (own, apart) in [(0u32, 6u32), (150, 6), (600, 6), (906, 6), (300, 3)] {
+        for (own, stride) in [(0u32, 6u32), (150, 6), (600, 6), (906, 6), (300, 3)] {
             let mut border = Border { count: 0, list: [const { 0..0 }; Border::MOST], gap: 0.0 };
-            let leaves: Vec<u32> = (0..180).map(|k| apart * k).filter(|&first| first != own).collect();
+            let leaves: Vec<u32> = (0..180).map(|k| stride * k).filter(|&first| first != own).collect();
             border.push(own..own + 3);
             leaves.iter().for_each(|&first| border.push(first..first + 3));
             let mut seen = vec![0; 1200];
             border.ranges().iter().flat_map(Clone::clone).for_each(|k| seen[k as usize] += 1);
             let wanted = leaves.iter().chain([&own]).flat_map(|&first| first..first + 3);
-            assert!(wanted.into_iter().all(|k| seen[k as usize] == 1), "own leaf at {own}, leaves {apart} apart");
-            assert!(seen.iter().all(|&count| count <= 1), "own leaf at {own}, leaves {apart} apart");
+            assert!(wanted.into_iter().all(|k| seen[k as usize] == 1), "own leaf at {own}, leaves {stride} stride");
+            assert!(seen.iter().all(|&count| count <= 1), "own leaf at {own}, leaves {stride} stride");
         }
     }
 }

@@ -6,11 +6,11 @@ use crate::objects::Objects;
 use crate::pair::{Pair, friction_between};
 use crate::params::Parameters;
 
-/// Steps for which two colliders that are no longer near stay a pair, though nothing is left to remember: that two part and meet again
+/// Steps for which two colliders that are no longer near stay a pair, though nothing is left to remember: that two separate and meet again
 /// costs no new memory. Then the pair is forgotten, or in a heap that is stirred there would soon be one for every two bodies.
 const KEPT: u32 = 1_000;
 
-/// Marks the pairs that are near, adds those that are new and forgets those that have been apart for long, keeping the list
+/// Marks the pairs that are near, adds those that are new and forgets those that have been separated for long, keeping the list
 /// sorted by the slots of the colliders. `caches` has what the search remembers of each pair, in the same order.
 pub(super) fn match_pairs(
     pairs: &mut Vec<Pair>,
@@ -63,7 +63,7 @@ mod tests {
     use std::sync::Arc;
 
     #[test]
-    fn bodies_that_have_long_been_apart_are_no_pair_and_meet_like_strangers() {
+    fn bodies_that_have_long_been_separated_are_no_pair_and_meet_as_for_the_first_time() {
         let steps = |world: &mut World, count: u32| (0..count).for_each(|_| drop(world.step()));
         let scene = || {
             let surface = |points, control| Arc::new(Surface::build(points, Some(control)).unwrap());

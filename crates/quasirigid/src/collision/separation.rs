@@ -1,17 +1,17 @@
 //! Bodies that have penetrated each other fully: by half of their thickness or more, or one wholly inside the other.
 //!
 //! Control points then lie nearer to the wrong face than to the one that they came through, or not inside the other
-//! body at all, and looking for the way out point by point ([`super::deep_overlap`]) finds nothing that pushes. The
-//! pair is therefore looked at as a whole. With `d` a unit vector, `x` control points of `a` and
+//! body at all, and a search for the way out point by point ([`super::deep_overlap`]) finds nothing that pushes. The
+//! pair is therefore treated as a whole. With `d` a unit vector, `x` control points of `a` and
 //! `p` those of `b`,
 //!
 //! ```text
 //! depth(d) = max_p d . p - min_x d . x
 //! ```
 //!
-//! is how far `a` has to move along `d` until a plane parts the two (Cameron 1997, "Enhancing GJK", equation 1: the
+//! is how far `a` has to move along `d` until a plane separates the two (Cameron 1997, "Enhancing GJK", equation 1: the
 //! penetration depth of convex bodies is the least of these; of others it is an upper bound). Contacts with this one normal
-//! then part them like any other overlap, at the push-out speed, until no point of one lies in the other.
+//! then separate them like any other overlap, at the push-out speed, until no point of one lies in the other.
 
 use super::deep_overlap::depth_inside;
 use crate::math::{Real, Vec3};
@@ -20,9 +20,9 @@ use crate::surface::Surface;
 /// Directions that are tried from the normals of each of the two surfaces, about.
 const DIRECTIONS: usize = 64;
 
-/// Rounds of refinement of the best of them, each with a quarter of the angle of the one before, from [`FIRST_TURN`] (rad).
+/// Rounds of refinement of the best of them, each with a quarter of the angle of the one before, from [`FIRST_ANGLE`] (rad).
 const ROUNDS: u32 = 4;
-const FIRST_TURN: Real = 0.2;
+const FIRST_ANGLE: Real = 0.2;
 
 /// A surface faces a direction if somewhere its normal makes no more than 45 degrees
 /// with it: there is no way out through the back of an open surface.
@@ -35,7 +35,7 @@ const BEARING: Real = 0.5;
 /// it: of equal ways the bodies keep to the one that they began with.
 const KEPT: Real = 0.9;
 
-/// Of so many control points one is looked at to find out whether two bodies that do not push each other have penetrated fully.
+/// Of so many control points one is tested to find out whether two bodies that do not push each other have penetrated fully.
 pub(super) const STRIDE: usize = 16;
 
 /// Two surfaces, `a` seen in the frame of `b`.
@@ -50,7 +50,7 @@ pub(super) struct Overlap<'a, F: Fn(usize) -> (Vec3, Vec3)> {
 
 impl<F: Fn(usize) -> (Vec3, Vec3)> Overlap<'_, F> {
     /// Whether some place is inside both bodies, deeper than contact goes: the middle of one, of the other, or
-    /// between the two. For bodies with the same centre and of the same size that is all there is to see.
+    /// between the two. For bodies with the same centre and of the same size no other test finds anything.
     pub(super) fn middle_is_inside_both(&self, stack: &mut Vec<u32>, center_a: &Vec3, center_b: &Vec3) -> bool {
         let mut is_deep = |surface: &Surface, x: &Vec3| depth_inside(stack, surface, x).is_some_and(|depth| depth > surface.spacing);
         [*center_a, *center_b, 0.5 * (center_a + center_b)]
@@ -86,20 +86,20 @@ impl<F: Fn(usize) -> (Vec3, Vec3)> Overlap<'_, F> {
         for control_point in (0..points_a).step_by(points_a.div_ceil(DIRECTIONS)) {
             try_way(-(self.place)(control_point).1, &mut best);
         }
-        let mut turn = FIRST_TURN;
+        let mut angle = FIRST_ANGLE;
         for _ in 0..ROUNDS {
             let (_, way) = best?;
             let frame = crate::math::contact_frame(&way, &Vec3::x());
             for side in [frame.column(1), frame.column(2)] {
-                try_way((way + side * turn).normalize(), &mut best);
-                try_way((way - side * turn).normalize(), &mut best);
+                try_way((way + side * angle).normalize(), &mut best);
+                try_way((way - side * angle).normalize(), &mut best);
             }
-            turn *= 0.25;
+            angle *= 0.25;
         }
         best.map(|(_, way)| way)
     }
 
-    /// How far `a` has to move along `way` until a plane parts the two, m; `None` if the surfaces do not face each other along it.
+    /// How far `a` has to move along `way` until a plane separates the two, m; `None` if the surfaces do not face each other along it.
     fn depth(&self, way: &Vec3) -> Option<Real> {
         let control_b = &self.surface_b.control;
         let (mut top, mut facing_b) = (Real::NEG_INFINITY, Real::NEG_INFINITY);

@@ -41,7 +41,7 @@ impl super::Collision {
             0 => self.bounds = Default::default(),
             1 => self.near = Vec::new(),
             2 => self.traversal = super::traversal::Traversal::default(),
-            3 => self.projection = super::projection::Scratch::default(),
+            3 => self.projection = super::contacts::Scratch::default(),
             _ => self.penetrated = Vec::new(),
         }
     }

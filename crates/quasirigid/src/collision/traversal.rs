@@ -15,11 +15,11 @@ use crate::params::Parameters;
 use std::time::{Duration, Instant};
 
 /// Coupled nodes are kept until the bodies have moved by this many spacings of the coarser control points, if that is more than
-/// [`Parameters::traversal_slack`]: beside spheres of that size the few nodes more that are found are no work.
+/// [`Parameters::traversal_slack`]: with spheres of that size it finds only a few nodes more.
 const SLACK_SPACINGS: Real = 0.1;
 
-/// Turned by more than this against each other, other points of two surfaces may face each other, rad.
-const TURNED: Real = 0.02;
+/// Where two surfaces have rotated by more than this against each other, other points may face each other, rad.
+const ROTATED: Real = 0.02;
 
 #[derive(Debug, Default)]
 pub(super) struct Traversal {
@@ -55,11 +55,11 @@ pub(super) fn traverse(
     let needed = params.contact_margin + reach[pair.a as usize] + reach[pair.b as usize];
     let PairCache { coupling, projections } = cache;
     let moved = now.moved_since(&coupling.found, &root_a);
-    let turned = coupling.faced.angle_to(&now.pose_ba.rotation) > TURNED;
-    if turned {
+    let rotated = coupling.faced.angle_to(&now.pose_ba.rotation) > ROTATED;
+    if rotated {
         (coupling.faced, coupling.asleep) = (now.pose_ba.rotation, None);
         for c in &coupling.coupled {
-            projections[c.control_point as usize].turned();
+            projections[c.control_point as usize].invalidate_without_foot();
         }
     }
     let newly_penetrated = std::mem::take(&mut coupling.suspected) && !coupling.penetrated;
@@ -82,7 +82,7 @@ pub(super) fn traverse(
     for group in coupling.coupled.chunk_by(|c, d| c.control_point == d.control_point) {
         // FNV-1a over the leaves; 0 stands for none.
         let leaves = group.iter().fold(0x811c_9dc5, |hash: u32, c| (hash ^ c.node_b).wrapping_mul(0x0100_0193));
-        projections[group[0].control_point as usize].coupled_anew(leaves.max(1));
+        projections[group[0].control_point as usize].set_leaves(leaves.max(1));
     }
 }
 
@@ -97,12 +97,12 @@ pub(super) fn have_penetrated(
     stride: usize,
     depth: Real,
 ) -> bool {
-    let (turn, shift): (Mat3, Vec3) = (pose_ba.rotation.to_rotation_matrix().into_inner(), pose_ba.translation.vector);
+    let (rotation, shift): (Mat3, Vec3) = (pose_ba.rotation.to_rotation_matrix().into_inner(), pose_ba.translation.vector);
     let control_a = &skin_a.surface.control;
-    let place = |c: usize| (turn * (control_a.points[c] + displacement[c]) + shift, turn * control_a.normals[c]);
-    let to_a = |x: &Vec3| turn.tr_mul(&(x - shift));
+    let place = |c: usize| (rotation * (control_a.points[c] + displacement[c]) + shift, rotation * control_a.normals[c]);
+    let to_a = |x: &Vec3| rotation.tr_mul(&(x - shift));
     let overlap = Overlap { surface_a: &skin_a.surface, surface_b: &skin_b.surface, place, to_a: &to_a };
-    let center_a = turn * skin_a.bounding_sphere().center + shift;
+    let center_a = rotation * skin_a.bounding_sphere().center + shift;
     overlap.points_are_inside(stack, stride, depth) || overlap.middle_is_inside_both(stack, &center_a, &skin_b.bounding_sphere().center)
 }
 
@@ -111,12 +111,12 @@ fn couple_along_way_out(out: &mut Traversal, pair: &Pair, cache: &mut PairCache,
     let PairCache { coupling, projections } = cache;
     let side_a = &pair.side_a;
     let pose_ba = coupling.found.pose_ba;
-    let (turn, shift): (Mat3, Vec3) = (pose_ba.rotation.to_rotation_matrix().into_inner(), pose_ba.translation.vector);
+    let (rotation, shift): (Mat3, Vec3) = (pose_ba.rotation.to_rotation_matrix().into_inner(), pose_ba.translation.vector);
     let control_a = &skin_a.surface.control;
-    let place = |c: usize| (turn * (control_a.points[c] + side_a.displacement[c]) + shift, turn * control_a.normals[c]);
-    let to_a = |x: &Vec3| turn.tr_mul(&(x - shift));
+    let place = |c: usize| (rotation * (control_a.points[c] + side_a.displacement[c]) + shift, rotation * control_a.normals[c]);
+    let to_a = |x: &Vec3| rotation.tr_mul(&(x - shift));
     let overlap = Overlap { surface_a: &skin_a.surface, surface_b: &skin_b.surface, place, to_a: &to_a };
-    // What has just been found to be so need not be asked again.
+    // What was found in the step before need not be tested again.
     let still = !coupling.penetrated || have_penetrated(&mut out.stack, &side_a.displacement, skin_a, skin_b, &pose_ba, 1, 0.0);
     let way_out = if still { overlap.shortest_way(coupling.way_out) } else { None };
     if way_out.is_none() || coupling.way_out.is_none() {
@@ -133,15 +133,15 @@ fn couple_along_way_out(out: &mut Traversal, pair: &Pair, cache: &mut PairCache,
     true
 }
 
-/// Finds the coupled nodes anew.
+/// Finds the coupled nodes from the roots on.
 fn couple(out: &mut Traversal, pair: &Pair, coupling: &mut Coupling, skin_a: &Skin, skin_b: &Skin) {
     let (tree_a, tree_b) = (&skin_a.surface.tree, &skin_b.surface.tree);
     let (pose_ba, margin) = (coupling.found.pose_ba, coupling.margin);
-    let (turn, shift): (Mat3, Vec3) = (pose_ba.rotation.to_rotation_matrix().into_inner(), pose_ba.translation.vector);
+    let (rotation, shift): (Mat3, Vec3) = (pose_ba.rotation.to_rotation_matrix().into_inner(), pose_ba.translation.vector);
     coupling.coupled.clear();
     let out_coupled = &mut coupling.coupled;
-    let (mut coarse, mut tests) = (false, 0);
-    let mut apart = Real::INFINITY;
+    let (mut exhausted, mut tests) = (false, 0);
+    let mut separation = Real::INFINITY;
     out.queue.clear();
     out.queue.push((0, 0));
     let mut next = 0;
@@ -149,17 +149,17 @@ fn couple(out: &mut Traversal, pair: &Pair, coupling: &mut Coupling, skin_a: &Sk
         let (na, nb) = out.queue[next];
         next += 1;
         if 4 * tests >= out.share {
-            coarse = true;
+            exhausted = true;
             next -= 1;
             break;
         }
         tests += 1;
         let (sphere_a, sphere_b) = (&skin_a.spheres[na as usize], &skin_b.spheres[nb as usize]);
-        let center_a = turn * sphere_a.center + shift;
+        let center_a = rotation * sphere_a.center + shift;
         let touching = sphere_a.radius + sphere_b.radius + margin;
         let distance2 = (center_a - sphere_b.center).norm_squared();
         if distance2 > touching * touching {
-            apart = apart.min(distance2.sqrt() - touching);
+            separation = separation.min(distance2.sqrt() - touching);
             continue;
         }
         let (node_a, node_b) = (&tree_a.nodes[na as usize], &tree_b.nodes[nb as usize]);
@@ -176,32 +176,32 @@ fn couple(out: &mut Traversal, pair: &Pair, coupling: &mut Coupling, skin_a: &Sk
             (Some(_), None) => {} // covered by the guard above
         }
     }
-    if coarse {
+    if exhausted {
         out.queue.drain(..next);
         let trees = Trees {
             surface_a: &skin_a.surface,
             surface_b: &skin_b.surface,
-            point: |p: &Vec3| turn * p + shift,
-            direction: |n: &Vec3| turn * n,
+            point: |p: &Vec3| rotation * p + shift,
+            direction: |n: &Vec3| rotation * n,
         };
         trees.couple_queued(&mut out.stack, &mut out.queue, out_coupled, out.share - tests);
     }
     out_coupled.sort_unstable_by_key(|c| (c.control_point, c.node_a, c.node_b));
-    if coarse {
-        // What a spent budget left coarse is looked at again in the next step.
+    if exhausted {
+        // What was left over is traversed again in the next step.
         coupling.margin = -1.0;
         out.budget_exhausted = true;
         return;
     }
     let control = &skin_a.surface.control;
-    let place = |c: usize| (turn * (control.points[c] + pair.side_a.displacement[c]) + shift, turn * control.normals[c]);
+    let place = |c: usize| (rotation * (control.points[c] + pair.side_a.displacement[c]) + shift, rotation * control.normals[c]);
     if out_coupled.is_empty() && !coupling.deep {
-        // Near, and no surface near the other: apart, or one inside the other.
+        // Bounding spheres overlap, surfaces do not: the two are separated, or one is inside the other.
         coupling.deep = deep_overlap::depth_inside(&mut out.stack, &skin_b.surface, &place(0).0).is_some();
         coupling.searched = coupling.deep;
         if !coupling.deep {
-            // Nothing can overlap before they are nearer by what parts the nearest two spheres that were looked at.
-            coupling.margin += apart;
+            // Nothing can overlap before they have come nearer by the least separation of two spheres that were tested.
+            coupling.margin += separation;
         }
     }
     if coupling.deep {
@@ -233,7 +233,7 @@ mod tests {
         /// Against all pairs of leaves, one by one, on a way along which most nodes are remembered.
         #[test]
         fn leaves_whose_points_come_within_the_margin_are_coupled_and_none_beyond_their_spheres(
-            turns in prop::array::uniform3(-1.0..1.0f64), side in -0.5..0.5f64,
+            rotations in prop::array::uniform3(-1.0..1.0f64), side in -0.5..0.5f64,
             way in prop::collection::vec((-3e-4..3e-4f64, prop::array::uniform3(-0.01..0.01f64)), 1..6),
         ) {
             let mut world = World::new(Parameters { gravity: Vec3::zeros(), ..Parameters::default() }).unwrap();
@@ -243,10 +243,10 @@ mod tests {
             let mass = MassProperties::sphere(RADIUS, Amount::Mass(0.1)).unwrap();
             let body = RigidBody::free("ball", mass, Motion::QuasiStatic, Pose::identity()).unwrap();
             let body = world.add_body(body, Some((ball, steel))).unwrap();
-            let (mut height, mut theta) = (0.015 + RADIUS + 3e-4, Vec3::from(turns) * 3.0);
-            for (rise, turn) in way {
+            let (mut height, mut theta) = (0.015 + RADIUS + 3e-4, Vec3::from(rotations) * 3.0);
+            for (rise, rotation) in way {
                 height = (height + rise).max(0.015 + RADIUS - 1e-4);
-                theta += Vec3::from(turn);
+                theta += Vec3::from(rotation);
                 let pose = Pose::new(Vec3::new(side * 0.02, 0.004, height), theta);
                 world.body_mut(body).unwrap().set_pose(pose).unwrap();
                 world.step();
@@ -262,10 +262,10 @@ mod tests {
                         let is_coupled = coupled.contains(&(node_a, node_b));
                         let (sphere_a, sphere_b) = (&skin_a.spheres[node_a as usize], &skin_b.spheres[node_b as usize]);
                         let center_a = found * nalgebra::Point3::from(sphere_a.center);
-                        let apart = (center_a - nalgebra::Point3::from(sphere_b.center)).norm() - sphere_a.radius - sphere_b.radius;
+                        let separation = (center_a - nalgebra::Point3::from(sphere_b.center)).norm() - sphere_a.radius - sphere_b.radius;
                         let margin = cache.coupling.margin;
-                        prop_assert!(!is_coupled || apart <= margin, "coupled at {apart:e} m, margin {margin:e} m");
-                        if is_coupled || apart > 2e-3 {
+                        prop_assert!(!is_coupled || separation <= margin, "coupled at {separation:e} m, margin {margin:e} m");
+                        if is_coupled || separation > 2e-3 {
                             continue;
                         }
                         let points_b = || tree_b.nodes[node_b as usize].points().map(|k| skin_b.surface.points[k]);

@@ -124,15 +124,15 @@ fn displace_feet(
     forces: &[Vec3],
     to_link_b: &Rot,
 ) {
-    let turn = rows.map_or_else(Mat3::identity, |rows| *rows.turn());
+    let rotation_ab = rows.map_or_else(Mat3::identity, |rows| *rows.rotation_ab());
     let to_link_b = to_link_b.to_rotation_matrix().into_inner();
     scratch.pushes.clear();
-    scratch.pushes.extend(patch.iter().zip(forces).map(|(contact, f)| turn * (to_link_b * b.force(contact, f))));
+    scratch.pushes.extend(patch.iter().zip(forces).map(|(contact, f)| rotation_ab * (to_link_b * b.force(contact, f))));
     scratch.feet.clear();
     for (i, contact) in patch.iter().enumerate() {
         let before = pair.displacement_of_b(contact.control_point as usize, &contact.weights_b);
         let row = rows.and_then(|rows| rows.tensor_row(1, i));
-        let moved = row.map_or_else(Vec3::zeros, |row| turn.tr_mul(&product(row, &scratch.pushes)));
+        let moved = row.map_or_else(Vec3::zeros, |row| rotation_ab.tr_mul(&product(row, &scratch.pushes)));
         scratch.feet.push(before * b.alpha + moved);
     }
     decay(&mut pair.side_b, b.alpha);
@@ -319,7 +319,7 @@ mod tests {
     use crate::{Parameters, World};
     use std::sync::Arc;
 
-    /// A free ball pressed a third of a millimetre into a fixed plate, both turned somehow, after some steps.
+    /// A free ball pressed a third of a millimetre into a fixed plate, both rotated arbitrarily, after some steps.
     fn ball_on_plate(surfaces: &[Arc<Surface>; 2], materials: [Material; 2]) -> World {
         let [ball, plate] = surfaces;
         let [of_ball, of_plate] = materials;
@@ -336,9 +336,9 @@ mod tests {
     /// Elastic displacement of both sides at a contact, world axes, m.
     fn displacements(world: &World, contact: &Contact) -> [Vec3; 2] {
         let pair = &world.pairs[contact.pair as usize];
-        let [turn_a, turn_b] = pair.sides(&world.objects).map(|side| side.pose().rotation);
+        let [rotation_a, rotation_b] = pair.sides(&world.objects).map(|side| side.pose().rotation);
         let c = contact.control_point as usize;
-        [turn_a * pair.side_a.displacement[c], turn_b * pair.displacement_of_b(c, &contact.weights_b)]
+        [rotation_a * pair.side_a.displacement[c], rotation_b * pair.displacement_of_b(c, &contact.weights_b)]
     }
 
     /// Largest `|H (u_after - alpha u_before) - W_deform f|` over the contacts for arbitrary reactions, over the largest displacement.
@@ -398,11 +398,11 @@ mod tests {
                     contact.friction_ratio = 0.6;
                     contact.area *= if contact.control_point.is_multiple_of(2) { 3.0 } else { 1.0 };
                 }
-                let coarse = disagreement(&mut world);
-                println!("{names}: {plain:.1e}, with areas of nodes and directed friction {coarse:.1e}");
+                let with_areas = disagreement(&mut world);
+                println!("{names}: {plain:.1e}, with areas of nodes and directed friction {with_areas:.1e}");
                 assert!(
-                    plain.max(coarse) < 4e-15,
-                    "{names}: {plain:e} of the displacement, areas of nodes and directed friction: {coarse:e}"
+                    plain.max(with_areas) < 4e-15,
+                    "{names}: {plain:e} of the displacement, areas of nodes and directed friction: {with_areas:e}"
                 );
             }
         }

@@ -15,7 +15,7 @@ pub fn advance(body: &mut Body, free: &FreeMotion, dx: &Vec6, generalized_contac
     }
 }
 
-/// Joint positions, motor torques, and who stands at a stop.
+/// Joint positions, motor torques, and which joints are at a stop.
 ///
 /// A stop gives what the equations of the joint lack, `reaction = A_j dq - g_j - (J^T f)_j`. It can only push into the range:
 /// at the upper stop the reaction is <= 0, at the lower >= 0. A joint whose reaction has the other sign is let go, from the next
@@ -29,7 +29,7 @@ fn advance_finger(finger: &mut Finger, free: &FreeMotion, dq: &Vec6, contact_tor
             JointStop::None => {
                 positions[j] += dq[j];
                 velocities[j] = dq[j] / dt;
-                // A contact pushed the joint past a stop that the free motion did not see coming.
+                // A contact pushed the joint past a stop that the free motion did not reach.
                 if positions[j] > joint.upper {
                     (positions[j], velocities[j], stops[j]) = (joint.upper, 0.0, JointStop::Upper);
                 } else if positions[j] < joint.lower {
@@ -218,12 +218,12 @@ mod tests {
         finger.move_base_to(target).unwrap();
         let mut body = Body::Finger(finger);
         let before = body.link_pose(3).translation.vector;
-        let told = body.prescribed_displacement(&before);
+        let prescribed = body.prescribed_displacement(&before);
         step(&mut body, &[], &STILL);
         let after = body.link_pose(3).translation.vector;
         assert_eq!(finger_of(&body).base_pose(), &target);
         // Linear in the motion: off by theta^2/2 times the arm.
-        assert!((after - before - told).norm() < 5e-6 * 0.1, "{:e}", (after - before - told).norm());
+        assert!((after - before - prescribed).norm() < 5e-6 * 0.1, "{:e}", (after - before - prescribed).norm());
         assert_eq!(body.prescribed_displacement(&after), Vec3::zeros());
     }
 

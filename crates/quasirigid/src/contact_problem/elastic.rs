@@ -43,9 +43,16 @@ struct Nodes {
 }
 
 impl Scratch {
-    /// Fills the rows of a patch. `turn`: rotation from the link of `b` to that of `a`, whose axes are the elastic axes of the patch; `to_link_b`: from the world
+    /// Fills the rows of a patch. `rotation_ab`: rotation from the link of `b` to that of `a`, whose axes are the elastic axes of the patch; `to_link_b`: from the world
     /// to the link of `b`.
-    pub fn fill_rows(&mut self, rows: &mut ElasticRows, patch: &[Contact], sides: &[SideOperator<'_>; 2], turn: &Mat3, to_link_b: &Mat3) {
+    pub fn fill_rows(
+        &mut self,
+        rows: &mut ElasticRows,
+        patch: &[Contact],
+        sides: &[SideOperator<'_>; 2],
+        rotation_ab: &Mat3,
+        to_link_b: &Mat3,
+    ) {
         for (nodes, side) in self.nodes.iter_mut().zip(sides) {
             nodes.index(patch, side);
             nodes.places.clear();
@@ -58,12 +65,12 @@ impl Scratch {
         self.tensor.clear();
         self.tensor.resize(patch.len(), Mat3::zeros());
         for i in 0..patch.len() {
-            self.fill_row(rows, i, patch, sides, turn);
+            self.fill_row(rows, i, patch, sides, rotation_ab);
         }
         self.nodes.iter_mut().for_each(Nodes::forget);
     }
 
-    fn fill_row(&mut self, rows: &mut ElasticRows, i: usize, patch: &[Contact], sides: &[SideOperator<'_>; 2], turn: &Mat3) {
+    fn fill_row(&mut self, rows: &mut ElasticRows, i: usize, patch: &[Contact], sides: &[SideOperator<'_>; 2], rotation_ab: &Mat3) {
         let Self { nodes, row, touched, tensor } = self;
         let mut add = |j: u32, value: Real| {
             if row[j as usize] == 0.0 {
@@ -75,7 +82,8 @@ impl Scratch {
             if nodes.used.is_empty() {
                 continue;
             }
-            let turned = |block: Mat3| if side.side == Side::A { block } else { turn * block * turn.transpose() } * side.share();
+            let rotated =
+                |block: Mat3| if side.side == Side::A { block } else { rotation_ab * block * rotation_ab.transpose() } * side.share();
             match &side.skin.compliance {
                 Compliance::Local(local) => {
                     for k in side.nodes(&patch[i]) {
@@ -94,8 +102,8 @@ impl Scratch {
                         // A half-space is reciprocal: what lies left of the diagonal is known.
                         tensor[j] = match j.cmp(&i) {
                             Ordering::Less => rows.mirrored(index, i, j),
-                            Ordering::Equal => turned(half_space.self_block(&own.normal, patch[i].inverse_distance(sides[0].skin))),
-                            Ordering::Greater => turned(half_space.block_between(own, other)),
+                            Ordering::Equal => rotated(half_space.self_block(&own.normal, patch[i].inverse_distance(sides[0].skin))),
+                            Ordering::Greater => rotated(half_space.block_between(own, other)),
                         };
                     }
                     rows.add_tensors(index, tensor);
@@ -104,7 +112,7 @@ impl Scratch {
                     tensor.fill(Mat3::zeros());
                     for (place, &l) in nodes.used.iter().enumerate() {
                         let block = |k: Node| side.matrix_block(matrix, k.control_point, l as usize, k.area) * k.weight;
-                        let moved = turned(side.nodes(&patch[i]).map(block).sum());
+                        let moved = rotated(side.nodes(&patch[i]).map(block).sum());
                         for &(j, weight) in &nodes.contacts[nodes.contacts_of(place)] {
                             tensor[j as usize] += moved * weight;
                         }

@@ -1,5 +1,5 @@
 //! The elastic operator of one side of a patch, written once: the rows that the solver sees ([`super::elastic`]) and the displacement after the solve
-//! ([`crate::constrained_motion`]) are both made of what is here. Were they to disagree, every step would leave the difference behind, and a held object would creep.
+//! ([`crate::constrained_motion`]) are both made of what is here. If they differed, every step would leave the difference behind, and a held object would creep.
 //!
 //! ```text
 //!     u = alpha u_previous + C H^T f        displacement of the nodes, m

@@ -1,4 +1,4 @@
-//! `delta_free`: where the contact would be at the end of the step if nothing pressed.
+//! `delta_free`: gap and slip of a contact at the end of the step without reactions.
 
 use crate::free_motion::FreeMotion;
 use crate::math::{Mat3, Real, Vec3};
@@ -17,11 +17,11 @@ use crate::pair::{Contact, Pair};
 /// `gap` is cut where it is an overlap: see [`Contact::solved_gap`]. It already holds `u_a - u_b`: so the normal row is absolute, the tangential rows are increments of the step.
 pub(super) fn delta_free(contact: &Contact, axes: &Mat3, pair: &Pair, objects: &Objects, free: &[FreeMotion], dt: Real) -> Vec3 {
     let [a, b] = pair.sides(objects);
-    let apart = pair.free_displacement(objects, free, &contact.point);
+    let relative = pair.free_displacement(objects, free, &contact.point);
     let relaxed = |side: Side<'_>, u: Vec3| -> Vec3 { side.pose().rotation * (u * (side.collider.skin.memory(dt) - 1.0)) };
     let u_a = pair.side_a.displacement[contact.control_point as usize];
     let u_b = pair.displacement_of_b(contact.control_point as usize, &contact.weights_b);
-    let mut delta = axes.transpose() * (apart + relaxed(a, u_a) - relaxed(b, u_b));
+    let mut delta = axes.transpose() * (relative + relaxed(a, u_a) - relaxed(b, u_b));
     delta.x += contact.solved_gap;
     delta
 }

@@ -35,13 +35,13 @@ pub struct ContactProblem {
     pub unknowns: Vec<Vec3>,
     /// Reactions `f` in contact frames, N. Set with the solution.
     pub reactions: Vec<Vec3>,
-    /// Whether any of the warm start is predicted rather than the last reaction: something is in motion.
+    /// Whether any of the warm start is extrapolated rather than the last reaction: something is in motion.
     pub predicted: bool,
     /// Residual of the reactions if the solver did not get to its tolerance, otherwise 0. Set with the solution.
     pub unfinished: Real,
     /// Open, stick or slip, as the solver left it.
     pub status: Vec<ContactStatus>,
-    /// Contacts that had to be left out because their block of `W` was not positive definite (no body of the pair can move there and neither gives).
+    /// Contacts that had to be left out because their block of `W` was not positive definite (neither body can move there and neither surface deforms).
     pub ill_posed: usize,
     /// Time to fill the rigid part and `delta_free`.
     pub rigid_time: Duration,
@@ -254,8 +254,8 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &[Pair], objects:
 fn coefficient(contact: &Contact, pair: &Pair, sides: [Side<'_>; 2]) -> Real {
     pair.friction.constant().unwrap_or_else(|| {
         let speed = pair.slip_speed.get(contact.control_point as usize).copied().unwrap_or(0.0);
-        let [turn_a, turn_b] = sides.map(|side| side.axes());
-        pair.friction.coefficient(&contact.frame, speed, [&turn_a, &turn_b])
+        let [rotation_a, rotation_b] = sides.map(|side| side.axes());
+        pair.friction.coefficient(&contact.frame, speed, [&rotation_a, &rotation_b])
     })
 }
 
@@ -271,7 +271,7 @@ fn refresh_elastic_rows(out: &mut ContactProblem, contacts: &[Contact], pairs: &
         let (Some(skin_a), Some(skin_b)) = (side_a.active_skin(), side_b.active_skin()) else { continue };
         let skins = [skin_a, skin_b];
         let axes_b = side_b.axes();
-        let turn = side_a.axes().transpose() * axes_b;
+        let rotation_ab = side_a.axes().transpose() * axes_b;
         let sides = SideOperator::of(skins, dt);
         let shares = sides.map(|side| side.share());
         let origin = Origin { colliders: (pair.a, pair.b), revisions: skins.map(|skin| skin.compliance_revision), rigid_b: pair.rigid_b };
@@ -281,10 +281,10 @@ fn refresh_elastic_rows(out: &mut ContactProblem, contacts: &[Contact], pairs: &
         });
         let rows = &mut kept[place];
         rows.in_touch = true;
-        if !rows.hold_for(&origin, patch, &turn, shares) {
+        if !rows.hold_for(&origin, patch, &rotation_ab, shares) {
             out.serial += 1;
-            rows.start(origin, patch, &turn, shares, out.serial);
-            out.elastic.fill_rows(rows, patch, &sides, &turn, &axes_b.transpose());
+            rows.start(origin, patch, &rotation_ab, shares, out.serial);
+            out.elastic.fill_rows(rows, patch, &sides, &rotation_ab, &axes_b.transpose());
         }
         let serial = rows.serial();
         if let Some(held) = out.held.get_mut(patches) {
@@ -347,13 +347,13 @@ mod tests {
     use std::sync::Arc;
 
     #[test]
-    fn contacts_where_nothing_moves_and_nothing_gives_are_left_out_all_at_once() {
+    fn contacts_where_nothing_moves_and_nothing_deforms_are_left_out_all_at_once() {
         let size = Vec3::repeat(0.02);
         let cube = Surface::build(shapes::sample_box(size, 1_200).unwrap(), Some(150)).unwrap();
-        // Every other control point gives, the rest do not.
-        let gives = |i: usize| i.is_multiple_of(2);
+        // Every other control point deforms, the rest do not.
+        let deforms = |i: usize| i.is_multiple_of(2);
         let n = 3 * cube.control.len();
-        let matrix = nalgebra::DMatrix::from_fn(n, n, |i, j| if i == j && gives(i / 3) { 1e-4 } else { 0.0 });
+        let matrix = nalgebra::DMatrix::from_fn(n, n, |i, j| if i == j && deforms(i / 3) { 1e-4 } else { 0.0 });
         let matrix = ComplianceModel::Matrix(Arc::new(ComplianceMatrix::new(&matrix).unwrap()));
         let mass = MassProperties::cuboid(size, Amount::Mass(0.1)).unwrap();
         let plate = Arc::new(Surface::build(shapes::sample_half_space(0.1, 900).unwrap(), Some(100)).unwrap());
@@ -372,7 +372,7 @@ mod tests {
         let (contacts, filled) = (&mut ws.collision.contacts, ws.problem.serial);
         contact_problem(&mut ws.problem, contacts, pairs, objects, &held, params.dt);
         let left: Vec<u32> = contacts.iter().map(|contact| contact.control_point).collect();
-        assert_eq!(left, all.iter().copied().filter(|&c| gives(c as usize)).collect::<Vec<_>>());
+        assert_eq!(left, all.iter().copied().filter(|&c| deforms(c as usize)).collect::<Vec<_>>());
         assert_eq!((ws.problem.ill_posed, ws.problem.len()), (all.len() - left.len(), left.len()));
         assert!(ws.problem.serial - filled <= 2, "elastic rows were filled {} times", ws.problem.serial - filled);
     }

@@ -5,9 +5,9 @@ use crate::math::{Mat3, Real};
 use crate::pair::Contact;
 use serde::{Deserialize, Serialize};
 
-/// Rows are kept while the two bodies have turned against each other by less than this, rad. What the solver sees and what
-/// [`crate::constrained_motion`] does must be the same operator: a difference is a creep, here below 1e-13 m in a step.
-const SAME_TURN: Real = 1e-10;
+/// Rows are kept while the two bodies have rotated against each other by less than this, rad. The operator of the solver and that of
+/// [`crate::constrained_motion`] must be the same: a difference is a creep, here below 1e-13 m in a step.
+const SAME_ROTATION: Real = 1e-10;
 
 /// What the elastic rows of a pair are made of, but for its contacts: the two colliders, and which compliance either has.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -28,7 +28,7 @@ pub struct ElasticRows {
     #[serde(skip)]
     pub(super) in_touch: bool,
     pub(super) contacts: Vec<(u32, Real)>,
-    turn: Mat3,
+    rotation_ab: Mat3,
     /// `1 - alpha` of either side: what the rows are of the static compliance.
     shares: [Real; 2],
     /// Ends of the rows in `columns`.
@@ -37,7 +37,7 @@ pub struct ElasticRows {
     pub(super) values: Vec<Real>,
     /// Tensors of either side, all rows of all contacts, dense, in the axes of the link of `a`; empty for a side that is isotropic or rigid.
     pub(super) tensors: [Vec<Mat3>; 2],
-    /// Changes whenever the rows are filled anew.
+    /// Changes whenever the rows are filled again.
     #[serde(skip)]
     pub(super) serial: u64,
 }
@@ -49,28 +49,28 @@ impl ElasticRows {
     }
 
     /// Whether the rows are those of `patch`: of the same origin, the same control points with the same projections and areas, the same shares of the static compliance.
-    pub(super) fn hold_for(&self, origin: &Origin, patch: &[Contact], turn: &Mat3, shares: [Real; 2]) -> bool {
+    pub(super) fn hold_for(&self, origin: &Origin, patch: &[Contact], rotation_ab: &Mat3, shares: [Real; 2]) -> bool {
         let same = |(contact, kept): (&Contact, &(u32, Real))| !contact.projected && (contact.control_point, contact.area) == *kept;
         self.origin == *origin
             && self.shares == shares
             && self.contacts.len() == patch.len()
             && self.ends.len() == patch.len()
             && patch.iter().zip(&self.contacts).all(same)
-            && (self.tensors.iter().all(Vec::is_empty) || (self.turn - turn).amax() < SAME_TURN)
+            && (self.tensors.iter().all(Vec::is_empty) || (self.rotation_ab - rotation_ab).amax() < SAME_ROTATION)
     }
 
-    /// Holds for no patch until it is filled anew.
+    /// Holds for no patch until it is filled again.
     pub(super) fn forget(&mut self) {
         self.contacts.clear();
         self.ends.clear();
     }
 
-    /// Starts to fill the rows of `patch` anew; `serial` is a number that was never used before.
-    pub(super) fn start(&mut self, origin: Origin, patch: &[Contact], turn: &Mat3, shares: [Real; 2], serial: u64) {
+    /// Empties the rows, to be filled for `patch`; `serial` is a number that was never used before.
+    pub(super) fn start(&mut self, origin: Origin, patch: &[Contact], rotation_ab: &Mat3, shares: [Real; 2], serial: u64) {
         (self.origin, self.serial) = (origin, serial);
         self.contacts.clear();
         self.contacts.extend(patch.iter().map(|contact| (contact.control_point, contact.area)));
-        (self.turn, self.shares) = (*turn, shares);
+        (self.rotation_ab, self.shares) = (*rotation_ab, shares);
         self.ends.clear();
         self.columns.clear();
         self.values.clear();
@@ -98,8 +98,8 @@ impl ElasticRows {
     }
 
     /// Rotation from the link of `b` to that of `a` when the rows were filled.
-    pub fn turn(&self) -> &Mat3 {
-        &self.turn
+    pub fn rotation_ab(&self) -> &Mat3 {
+        &self.rotation_ab
     }
 
     /// Row `i` of the compliance over the step of side `a` (0) or `b` (1) between the contacts of the patch, in the axes of the link of `a`, m/N; `None` if that side

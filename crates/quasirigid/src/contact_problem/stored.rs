@@ -1,5 +1,5 @@
 //! What is stored of a contact problem: what may be read of the last step, and the elastic rows that hold. The rows that the operator has in common with the next step are
-//! handed to it anew, with the same bits.
+//! handed to it again, with the same bits.
 
 use super::{ContactProblem, ElasticRows};
 use crate::delassus::{ContactStatus, MatrixFree};

@@ -20,7 +20,7 @@ const TOUCH: Real = 0.02;
 const SETTLED: Real = 0.01;
 /// ... for this long, s.
 const SETTLE_TIME: Real = 0.1;
-/// Motors within this share of their limit give all that they have.
+/// Motors within this share of their limit are at it.
 const AT_LIMIT: Real = 1e-6;
 /// A finger that cannot bring its pad nearer than this to where it shall be is at the end of its reach, m.
 const OUT_OF_REACH: Real = 1e-3;
@@ -187,7 +187,7 @@ impl Grip {
         self.squeeze
     }
 
-    /// Asks for another squeeze (N); a held object is squeezed anew.
+    /// Asks for another squeeze (N); a held object is squeezed again.
     ///
     /// # Errors
     /// [`Error::InvalidValue`] if it is not finite and positive.
@@ -303,7 +303,7 @@ impl Pad {
     }
 }
 
-/// Whether a motor of the finger gave all that it has in the last step.
+/// Whether a motor of the finger was at its limit in the last step.
 fn motors_at_limit(world: &World, hand: HandHandle, finger: usize) -> Result<bool> {
     let finger = world.finger(hand, finger)?;
     let motors = finger.motor_torques().iter().zip(finger.model().joints());
@@ -358,7 +358,7 @@ mod tests {
             assert!(steps < 1_000, "still pressing after a second");
         }
         println!("{forces:?} N, let go after {steps} steps");
-        // With what fingers and pads give under that force the targets are some 15 mm inside.
+        // With the deflection of fingers and pads under that force the targets are some 15 mm inside.
         assert!(steps < 700, "let go after {steps} steps");
         scene.grip.set_squeeze(4.0).unwrap();
         scene.grip.close();

@@ -68,7 +68,7 @@ pub struct IkOptions {
     /// Converged below this angle error (rad). Default 1e-4.
     pub angle_tolerance: Real,
     /// A search that gets no further ends: when a step moves no joint by more than this (rad). Default 1e-12, as
-    /// far as a double can tell. A goal that moves from step to step needs no more than it moves by.
+    /// small as a double can resolve. A goal that moves from step to step needs no more than it moves by.
     pub step_tolerance: Real,
     /// Damped steps per start. Default 100.
     pub max_iterations: usize,
@@ -159,7 +159,7 @@ impl Search<'_> {
         let last = self.model.dof() - 1;
         let frame = kinematics.links[last] * self.tip;
         let position = frame.translation.vector;
-        let (weight, turn) = (self.options.angle_weight, kinematics.rotation_jacobian(last));
+        let (weight, angular) = (self.options.angle_weight, kinematics.rotation_jacobian(last));
         let (mut errors, mut jacobian) = (Vec6::zeros(), Mat6::zeros());
         errors.fixed_rows_mut::<3>(0).copy_from(&(position - self.goal.position));
         jacobian.fixed_view_mut::<3, 6>(0, 0).copy_from(&kinematics.point_jacobian(last, &position));
@@ -169,13 +169,13 @@ impl Search<'_> {
                 // Rotation vector from the goal to the tip's z; it has no part along the goal, so turning about the normal is free.
                 let rotation = rotation_between(normal, &(frame.rotation * Vec3::z()));
                 errors.fixed_rows_mut::<3>(3).copy_from(&(rotation * weight));
-                let across = turn - normal * (normal.transpose() * turn);
+                let across = angular - normal * (normal.transpose() * angular);
                 jacobian.fixed_view_mut::<3, 6>(3, 0).copy_from(&(across * weight));
             }
             TipOrientation::Rotation(goal) => {
                 let rotation = (frame.rotation * goal.inverse()).scaled_axis();
                 errors.fixed_rows_mut::<3>(3).copy_from(&(rotation * weight));
-                jacobian.fixed_view_mut::<3, 6>(3, 0).copy_from(&(turn * weight));
+                jacobian.fixed_view_mut::<3, 6>(3, 0).copy_from(&(angular * weight));
             }
         }
         (errors, jacobian)

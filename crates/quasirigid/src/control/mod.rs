@@ -1,4 +1,4 @@
-//! What tells fingers where to go: inverse kinematics, and a grip that closes until the wanted squeeze.
+//! What computes joint targets: inverse kinematics, and a grip that closes until the wanted squeeze.
 
 pub mod grip;
 pub mod inverse_kinematics;

@@ -7,8 +7,8 @@ use crate::linear::block_rows::BlockRows;
 use crate::math::{Mat3, Real, Vec3};
 use std::sync::OnceLock;
 
-/// Factors that cost more than this many products with the matrix are not worth it where a Krylov method would do.
-const DEAR_FACTORS: Real = 200.0;
+/// Factors that cost more than this many products with the matrix are not computed: a Krylov method is faster.
+const MOST_EXPENSIVE_FACTORS: Real = 200.0;
 
 /// `W` (m/N) in block rows, with the reactions it is applied to.
 ///
@@ -122,10 +122,10 @@ impl Assembled {
         self.rows.scaled(factor).and_then(Self::from_rows).ok()
     }
 
-    /// The same blocks, each turned into another by its row and column.
-    pub(crate) fn map(&self, turn: impl Fn(usize, usize, &Mat3) -> Mat3) -> BlockRows {
+    /// The same blocks, each mapped to another by its row and column.
+    pub(crate) fn map(&self, transform: impl Fn(usize, usize, &Mat3) -> Mat3) -> BlockRows {
         let mut mapped = self.rows.clone();
-        mapped.map(turn);
+        mapped.map(transform);
         mapped
     }
 
@@ -169,7 +169,7 @@ impl Delassus for Assembled {
 
     fn solve_directly(&self, left: &[Mat3], diagonal: &[Mat3], b: &mut [Vec3], late: &dyn Fn() -> bool) -> bool {
         let pattern = self.pattern();
-        if pattern.cost() > DEAR_FACTORS * 9.0 * self.rows.block_count() as Real {
+        if pattern.cost() > MOST_EXPENSIVE_FACTORS * 9.0 * self.rows.block_count() as Real {
             return false;
         }
         let factors = pattern.factor(&self.rows, left, diagonal, late);

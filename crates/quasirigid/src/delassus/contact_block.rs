@@ -47,7 +47,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum ContactStatus {
-    /// No force: the surfaces part, or just touch.
+    /// No force: the surfaces separate, or just touch.
     #[default]
     Open = 0,
     /// Force inside the friction cone: the two material points stay together.
@@ -340,12 +340,12 @@ mod tests {
             w in spd(), b in prop::array::uniform3(-1.0..1.0f64), mu in 0.05..0.6f64, angle in -3.0..3.0f64,
         ) {
             let b = Vec3::from(b);
-            let turn = rotation_about_normal(angle);
+            let rotation = rotation_about_normal(angle);
             let (f, status) = ContactBlock::new(&w).unwrap().solve(&b, mu);
-            let (turned, turned_status) = ContactBlock::new(&(turn * w * turn.transpose())).unwrap().solve(&(turn * b), mu);
+            let (turned, turned_status) = ContactBlock::new(&(rotation * w * rotation.transpose())).unwrap().solve(&(rotation * b), mu);
             // On the very border of the cone the two may differ in name, never in force.
-            prop_assert!(status == turned_status || (turned - turn * f).norm() <= 1e-10 * f.norm());
-            prop_assert!((turned - turn * f).norm() <= 1e-8 * f.norm(), "{turned} against {}", turn * f);
+            prop_assert!(status == turned_status || (turned - rotation * f).norm() <= 1e-10 * f.norm());
+            prop_assert!((turned - rotation * f).norm() <= 1e-8 * f.norm(), "{turned} against {}", rotation * f);
         }
 
         #[test]

@@ -36,8 +36,8 @@ pub(crate) fn slope(w: &Mat3, b: &Vec3, mu: Real, drag: Real, f: &Vec3, status: 
                 Vec3::new(-mu * mu * f.x, f.y, f.z)
             };
             let stiffened = if drag > 0.0 && f.x != 0.0 { drag * friction.norm_squared() } else { 0.0 };
-            let turn = v.dot(&u) + stiffened;
-            if turn == 0.0 { inverse } else { inverse - u * (inverse * v).transpose() / turn }
+            let denominator = v.dot(&u) + stiffened;
+            if denominator == 0.0 { inverse } else { inverse - u * (inverse * v).transpose() / denominator }
         }
     }
 }

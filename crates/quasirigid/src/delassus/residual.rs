@@ -1,4 +1,4 @@
-//! How far reactions are from the truth: the natural map with De Saxce's shift.
+//! How far reactions are from the solution: the natural map with De Saxce's shift.
 //!
 //! With `K_mu = { f : |f_t| <= mu f_n }` (N) and the shifted displacement `delta + mu |delta_t| n` (m),
 //! Signorini and Coulomb together say that the shifted displacement lies in the dual cone and is orthogonal

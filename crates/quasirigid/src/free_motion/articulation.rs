@@ -19,7 +19,7 @@ use crate::math::{MAX_DOF, Mat6, Real, Vec3, Vec6};
 /// - a motor whose torque would exceed its limit gives the limit instead, with no stiffness and no damping;
 /// - a joint that would pass a stop goes to the stop and no further: its dq is given, its row and column leave the equations.
 ///
-/// Both are predicted by solving the step with the contact torques of the step before. They are started anew each step, except
+/// Both are predicted by solving the step with the contact torques of the step before. They are found again in each step, except
 /// that a joint at a stop stays there until `constrained_motion` finds that the torques push it back into its range.
 pub(super) fn free_motion(finger: &Finger, context: &StepContext) -> FreeMotion {
     let (model, dt, state) = (finger.model(), context.dt, finger.state());

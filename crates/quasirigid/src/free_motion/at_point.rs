@@ -1,11 +1,11 @@
-//! What the free motion of a body does at one of its points.
+//! Displacement of a point of a body by its free motion.
 
 use super::FreeMotion;
 use crate::math::Vec3;
 use crate::objects::Side;
 
 /// Displacement in this step, before contact forces, of the material point at `point` (world, m), all to first order: free motion
-/// and prescribed motion. For how far bodies may get; what a pair does is [`crate::pair::Pair::free_displacement`].
+/// and prescribed motion. A bound on how far bodies go; the contacts of a pair use [`crate::pair::Pair::free_displacement`].
 pub(crate) fn free_displacement(side: Side<'_>, free: &FreeMotion, point: &Vec3) -> Vec3 {
     let prescribed = side.body.body.prescribed_displacement(point);
     if free.dof == 0 {

@@ -71,7 +71,7 @@ pub struct FreeMotion {
     /// Displacements of the joints that are expected in this step, rad, see
     /// [`Expected::joints`]; zero for rigid bodies. Set by [`free_motions`].
     pub expected_joints: Vec6,
-    /// The body went bad in this step, and was quarantined: its motion would be non-finite or absurd.
+    /// The body was quarantined in this step: its motion would be non-finite or absurd.
     pub quarantined: bool,
 }
 
@@ -99,14 +99,14 @@ impl FreeMotion {
 }
 
 /// The free motion of all bodies over a step, by slot; quarantined ones do not move. A body whose motion is not finite, or
-/// absurd, is quarantined here: let into the contact problem it would spoil the step of all that it touches.
+/// absurd, is quarantined here: in the contact problem it would make the motion of all that it touches wrong.
 pub fn free_motions(bodies: &mut Slots<BodyEntry>, context: &StepContext, out: &mut Vec<FreeMotion>) {
     out.clear();
     out.extend(bodies.all_slots_mut().map(|entry| {
         let Some(entry) = entry.filter(|entry| !entry.quarantined) else { return FreeMotion::none() };
         let mut free = free_motion(&entry.body, context);
-        let told = entry.body.prescribed_displacement(&entry.body.link_pose(entry.body.link_count() - 1).translation.vector);
-        if !(is_sound(&free.displacement) && told.amax() <= ABSURD_DISPLACEMENT) {
+        let prescribed = entry.body.prescribed_displacement(&entry.body.link_pose(entry.body.link_count() - 1).translation.vector);
+        if !(is_sound(&free.displacement) && prescribed.amax() <= ABSURD_DISPLACEMENT) {
             entry.quarantined = true;
             return FreeMotion { quarantined: true, ..FreeMotion::none() };
         }

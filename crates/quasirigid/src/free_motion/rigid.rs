@@ -29,19 +29,19 @@ pub(super) fn free_motion(body: &RigidBody, context: &StepContext) -> FreeMotion
 
     let mut linear = Mat3::identity() * (b_linear / dt);
     let mut angular = Mat3::identity() * (b_angular / dt);
-    let mut push: Vec3 = context.gravity * mass + force;
-    let mut turn: Vec3 = *torque;
+    let mut g_linear: Vec3 = context.gravity * mass + force;
+    let mut g_angular: Vec3 = *torque;
     if motion == Motion::Inertial {
         linear += Mat3::identity() * (mass / (dt * dt));
         angular += body.world_inertia() / (dt * dt);
-        push += body.linear_velocity() * (mass / dt);
-        turn += body.angular_momentum() / dt;
+        g_linear += body.linear_velocity() * (mass / dt);
+        g_angular += body.angular_momentum() / dt;
     }
     let (mut matrix, mut g) = (Mat6::zeros(), Vec6::zeros());
     matrix.fixed_view_mut::<3, 3>(0, 0).copy_from(&linear);
     matrix.fixed_view_mut::<3, 3>(3, 3).copy_from(&angular);
-    g.fixed_rows_mut::<3>(0).copy_from(&push);
-    g.fixed_rows_mut::<3>(3).copy_from(&turn);
+    g.fixed_rows_mut::<3>(0).copy_from(&g_linear);
+    g.fixed_rows_mut::<3>(3).copy_from(&g_angular);
     if let Some(drive) = body.drive() {
         let driven = DrivenBody {
             pose: *body.pose(),

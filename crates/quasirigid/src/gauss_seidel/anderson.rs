@@ -9,7 +9,7 @@
 //! ```
 //!
 //! The least-squares problem is solved through its normal equations, of at most [`DEPTH`] unknowns. The extrapolated forces are
-//! projected on their cones. Whether the step helped is for the caller to see: the change of the next sweep tells.
+//! projected on their cones. Whether the step helped is decided by the caller, from the change of the next sweep.
 
 // Small dense algebra reads best with its indices.
 #![allow(clippy::needless_range_loop)]
@@ -19,7 +19,7 @@ use crate::math::{Real, Vec3};
 /// Sweeps remembered. 5 needs up to 20 % more sweeps on half-space pads, 16 up to 25 % fewer, at twice the cost of a step.
 const DEPTH: usize = 8;
 
-/// Added to the diagonal of the scaled normal equations: directions that past sweeps cannot tell apart are left alone.
+/// Added to the diagonal of the scaled normal equations: directions that past sweeps do not distinguish are left as they are.
 const DAMPING: Real = 1e-12;
 
 type Small = [Real; DEPTH];
@@ -64,8 +64,8 @@ impl Anderson {
         &self.last_image[..n]
     }
 
-    /// `before` went into a sweep and `f` came out of it. Extrapolates `f` (N) if there is enough to go by, and
-    /// says whether it did. `feasible` puts the reaction of a contact back to where it may be.
+    /// `before` went into a sweep and `f` came out of it. Extrapolates `f` (N) if there are enough past sweeps, and
+    /// returns whether it did. `feasible` puts the reaction of a contact back to where it may be.
     pub(crate) fn extrapolate(&mut self, before: &[Vec3], f: &mut [Vec3], feasible: impl Fn(usize, &Vec3) -> Vec3) -> bool {
         let first = !self.started;
         if !first {

@@ -1,4 +1,4 @@
-//! When to stop early: a time budget, and somebody who asks for it.
+//! When to stop early: a time budget, and an interrupt by the caller.
 
 use super::Stop;
 use std::time::{Duration, Instant};

@@ -1,4 +1,4 @@
-//! A damped Newton step, for problems on which sweeps crawl: a rigid box on a hundred support points, a stack, a wedge.
+//! A damped Newton step, for problems on which sweeps converge slowly: a rigid box on a hundred support points, a stack, a wedge.
 //!
 //! Let `S_i(b_i)` be the exact solution of contact `i` ([`crate::delassus::ContactBlock::solve`]) for the displacement
 //! `b_i = delta_i - W_ii f_i` that the others leave it. The solution of the whole problem is the root of
@@ -18,7 +18,7 @@
 //! by GMRES, which asks for products `W d` only and, with `W` a few rigid bodies plus small compliances, needs about as many of them as the
 //! bodies have coordinates.
 //!
-//! Two things make it dependable. First, damping by a proximal term: `alpha W_ii (f_i - f_i^before)` is added to the
+//! Two things make it robust. First, damping by a proximal term: `alpha W_ii (f_i - f_i^before)` is added to the
 //! displacement, which means: for this step each contact is softer by the share `alpha`, about the forces it has. `alpha` falls
 //! by ten with every full step and rises when a step had to be shortened. Second, forces may leave their cones on the way.
 //! Projecting them back after each step would push the bodies about, each contact a little, by far more than the step had gained;
@@ -46,7 +46,7 @@ const FIRST_DAMPING: Real = 10.0;
 /// Smallest damping; below it the term is lost in rounding.
 const LEAST_DAMPING: Real = 1e-12;
 
-/// The same for exact steps, which without it would go anywhere along forces that do nothing.
+/// The same for exact steps, which without it would be arbitrary along forces that move nothing.
 const LEAST_DIRECT_DAMPING: Real = 1e-9;
 
 /// Step lengths tried.

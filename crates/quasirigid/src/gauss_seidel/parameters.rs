@@ -23,9 +23,9 @@ pub struct SolverParameters {
     pub time_budget: Option<Duration>,
     /// What `tolerance` is compared with. Default [`Measure::UnitFree`].
     pub measure: Measure,
-    /// Whether the warm start is a forecast of reactions that change: then it need not be improved beyond a
+    /// Whether the warm start is a prediction of reactions that change: then it need not be improved beyond a
     /// tenth of the tolerance. Default false: one of something at rest is always improved a hundredfold, so
-    /// that what is held does not creep by the tolerance. A step sets it by what it sees.
+    /// that what is held does not creep by the tolerance. A step sets it from the changes of its reactions.
     pub predicted: bool,
 }
 
@@ -47,7 +47,7 @@ pub enum Measure {
 }
 
 impl SolverParameters {
-    /// Refuses what cannot work.
+    /// Refuses parameters out of range.
     ///
     /// # Errors
     /// `InvalidValue` if the tolerance is not finite and positive, or no sweep is allowed.

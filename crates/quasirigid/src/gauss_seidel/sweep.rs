@@ -1,4 +1,4 @@
-//! The solver: block Gauss-Seidel sweeps, helped along when a problem turns out to be a hard one.
+//! The solver: block Gauss-Seidel sweeps, accelerated on hard problems.
 //!
 //! A sweep visits the contacts in order and solves each exactly against the newest reactions of all others. It
 //! never leaves the cones, needs no step length, and on a warm start of a resting grasp one is enough. Cost:
@@ -48,16 +48,16 @@ const NEWTON_STEPS: u32 = 30;
 /// step feeds again would otherwise stay just below the tolerance for ever, and a held object would creep by them.
 const IMPROVEMENT: Real = 0.01;
 
-/// Below this share of the tolerance a forecast of something in motion need not be improved by as much.
+/// Below this share of the tolerance a predicted warm start of something in motion need not be improved by as much.
 const WELL_BELOW: Real = 0.1;
 
 /// Sweeps that a step does even without any time left. With one a step a grasp at rest creeps by 0.1 mm/s, with four it stays where it is.
-const HURRIED_SWEEPS: u32 = 4;
+const LEAST_SWEEPS_OUT_OF_TIME: u32 = 4;
 
 /// Sweeps that may be spent on that once the residual is within the tolerance.
 const REFINEMENT: u32 = 8;
 
-/// Where something rests, sweeps that have been spent on it and have not come below this share of the tolerance crawl: Newton steps follow.
+/// Where something rests, sweeps that have been spent on it and have not come below this share of the tolerance converge too slowly: Newton steps follow.
 const SETTLED: Real = 0.01;
 
 /// A first sweep that changes the reactions by less than this share has nothing to improve on: a creep of 1e-14 m/s at most.
@@ -102,8 +102,8 @@ impl Scratch {
 /// `status` is only written. On return `w` holds `f`. A warm start is always
 /// improved, however good it is. A non-finite warm start counts as none.
 ///
-/// The residual of the report is that of the returned `f`, evaluated on its own. It is looked
-/// at only when a sweep has changed little, because it costs as much as a sweep.
+/// The residual of the report is that of the returned `f`, evaluated on its own. It is evaluated
+/// only when a sweep has changed little, because it costs as much as a sweep.
 ///
 /// # Panics
 /// If the arrays do not have one entry per contact of `w` (checked by [`crate::gauss_seidel::check_problem`]).
@@ -130,7 +130,7 @@ pub(crate) struct Run<'a, W> {
     deadline: Deadline<'a>,
     /// Norm of `rho_i delta_free_i`, N.
     free_force: Real,
-    /// What tells whether the residual is worth its cost: the change of the last sweep, or
+    /// Estimate that decides whether the residual is evaluated: the change of the last sweep, or
     /// the residual as given that its contacts had when it came to them.
     seen: Real,
     sweeps: u32,
@@ -175,7 +175,7 @@ impl<'a, W: Delassus> Run<'a, W> {
         let before = &mut before[..n];
         anderson.restart();
         let tolerance = self.parameters.tolerance;
-        // What a sweep has to show before the residual is worth a look.
+        // What the change of a sweep must be below before the residual is evaluated.
         let mut look_below = 2.0 * tolerance;
         // What a good warm start is improved to, and since which sweep the residual is within the tolerance.
         let mut aim = tolerance;
@@ -189,7 +189,7 @@ impl<'a, W: Delassus> Run<'a, W> {
         let (mut least, mut least_before) = (Real::INFINITY, Real::INFINITY);
         while self.sweeps < patience.max(self.parameters.min_sweeps) {
             if self.parameters.measure == Measure::AsGiven && self.sweeps.is_multiple_of(STRETCH) {
-                // A problem from elsewhere has time: sweeps that get on well may go on.
+                // A problem from elsewhere has time: sweeps that converge well may go on.
                 if self.sweeps + STRETCH >= patience
                     && least <= GOOD_PROGRESS * least_before
                     && patience + STRETCH + 3 <= self.parameters.max_sweeps
@@ -211,8 +211,8 @@ impl<'a, W: Delassus> Run<'a, W> {
                 let enough = if self.parameters.predicted { WELL_BELOW * tolerance } else { 0.0 };
                 aim = (IMPROVEMENT * change).clamp(enough, tolerance);
             }
-            let hurried = self.parameters.measure == Measure::UnitFree && self.sweeps < HURRIED_SWEEPS;
-            let out_of_time = self.out_of_time(0).filter(|stop| !(hurried && *stop == Stop::TimeBudget));
+            let must_go_on = self.parameters.measure == Measure::UnitFree && self.sweeps < LEAST_SWEEPS_OUT_OF_TIME;
+            let out_of_time = self.out_of_time(0).filter(|stop| !(must_go_on && *stop == Stop::TimeBudget));
             let seen = self.seen;
             least = least.min(seen);
             let refined = good_since.is_some_and(|since| self.sweeps >= since + REFINEMENT);
@@ -234,7 +234,7 @@ impl<'a, W: Delassus> Run<'a, W> {
                 if let Some(stop) = out_of_time {
                     return Some(self.report(residual, stop));
                 }
-                // Residual and change fall together: look again when the change has fallen by the factor that is missing.
+                // Residual and change decrease together: evaluate again when the change has decreased by the factor that is missing.
                 look_below = seen * (aim / residual).clamp(0.01, 0.7);
             }
             if accelerate {
@@ -328,7 +328,7 @@ impl<'a, W: Delassus> Run<'a, W> {
         change
     }
 
-    /// The residual of the reactions, as the parameters want it measured. They are handed to `w` anew: its running sums carry rounding.
+    /// The residual of the reactions, as the parameters want it measured. They are handed to `w` again: its running sums carry rounding.
     fn residual(&mut self) -> Real {
         self.w.set_reactions(self.f);
         match self.parameters.measure {

@@ -1,7 +1,7 @@
 //! LU factors of a sparse matrix of 3x3 blocks, of the form `L_i W_ij + D_i`
 //! (`D` on the diagonal only), in an order that keeps them sparse.
 //!
-//! A contact is coupled with those that touch one of its two bodies, and the graph of that comes apart quickly when contacts
+//! A contact is coupled with those that touch one of its two bodies, and the graph of that falls into parts quickly when contacts
 //! are eliminated by least degree: the factors of a heap of 276 capsules cost 0.1 million operations, the full matrix 378
 //! million. What is left when all remaining contacts are coupled with each other is factored as a full matrix, with row
 //! exchanges ([`crate::linear::dense_lu`]); blocks before that are pivots as they come, inverted as 3x3 matrices. `W` is
@@ -12,7 +12,7 @@ use super::dense_lu::DenseLu;
 use crate::math::{Mat3, Real, Vec3};
 use nalgebra::{DMatrix, DVector};
 
-/// Rows between two looks at the clock.
+/// Rows between two readings of the clock.
 const ROWS_AT_ONCE: usize = 16;
 
 /// The order of elimination, and which blocks the factors have.

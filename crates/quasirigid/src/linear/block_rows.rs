@@ -91,11 +91,11 @@ impl BlockRows {
         Self::new(self.starts.clone(), self.columns.clone(), self.values.iter().map(|w| w * factor).collect())
     }
 
-    /// The same blocks, each turned into another by its row and column.
-    pub fn map(&mut self, turn: impl Fn(usize, usize, &Mat3) -> Mat3) {
+    /// The same blocks, each mapped to another by its row and column.
+    pub fn map(&mut self, transform: impl Fn(usize, usize, &Mat3) -> Mat3) {
         for i in 0..self.len() {
             for k in self.starts[i]..self.starts[i + 1] {
-                self.values[k] = turn(i, self.columns[k] as usize, &self.values[k]);
+                self.values[k] = transform(i, self.columns[k] as usize, &self.values[k]);
             }
         }
     }

@@ -32,7 +32,7 @@ pub struct Contact {
     pub frame: Mat3,
     /// `mu_2/mu_1`: friction coefficient along tangent2 over that along tangent1 (-); 1 where friction is isotropic.
     pub friction_ratio: Real,
-    /// Gap between the deformed surfaces at the start of the step, m; > 0 means apart.
+    /// Gap between the deformed surfaces at the start of the step, m; > 0 means separated.
     pub gap: Real,
     /// The gap that the solver gets, m: `gap`, but for an overlap, which is pushed apart no faster than [`Parameters::push_out_speed`].
     pub solved_gap: Real,
@@ -42,12 +42,12 @@ pub struct Contact {
     pub foot: Vec3,
     /// Control points of `b` that the foot is interpolated from; none if `b` counts as rigid.
     pub weights_b: Weights,
-    /// Whether it was projected anew in this step; otherwise foot, normal and weights are those remembered.
+    /// Whether it was projected in this step; otherwise foot, normal and weights are those remembered.
     pub projected: bool,
 }
 
 impl Contact {
-    /// The foot as a half-space on `b` sees it, frame of the link of `b`. `to_link_b`: rotation from the world.
+    /// The foot as a loaded place on the half-space `b`, frame of the link of `b`. `to_link_b`: rotation from the world.
     pub(crate) fn foot_on_b(&self, to_link_b: &Mat3) -> Loaded {
         Loaded { point: self.foot, normal: to_link_b * self.frame.column(0), area: self.area }
     }
@@ -59,7 +59,7 @@ impl Contact {
     }
 }
 
-/// The contacts of each of `pairs` pairs in turn, as a range of `contacts`, which are ordered by pair; empty for a pair that is out of touch.
+/// The contacts of each of `pairs` pairs, one after the other, as a range of `contacts`, which are ordered by pair; empty for a pair that is out of touch.
 pub(crate) fn patches(contacts: &[Contact], pairs: usize) -> impl Iterator<Item = Range<usize>> {
     let mut end = 0;
     (0..pairs).map(move |pair| {

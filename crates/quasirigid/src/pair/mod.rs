@@ -20,8 +20,8 @@ use crate::params::Parameters;
 use crate::surface::Weights;
 use serde::{Deserialize, Serialize};
 
-/// Two colliders that met. Each pair has an elastic memory of its own: two patches of different pairs on one surface do not see
-/// each other elastically, so that what the solver sees and what is remembered are the same operator.
+/// Two colliders that met. Each pair has an elastic memory of its own: two patches of different pairs on one surface have no
+/// elastic effect on each other, so that the solver and the memory use the same operator.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Pair {
     /// Slot of the collider whose control points are used: the finer side.
@@ -47,7 +47,7 @@ pub struct Pair {
     pub fine_b: PatchSide,
     /// Friction between the two.
     pub friction: PairFriction,
-    /// Slip speed of each control point of `a` at the end of the last step, m/s: 0 where it stuck or was not near. Empty if friction does not fall with it.
+    /// Slip speed of each control point of `a` at the end of the last step, m/s: 0 where it stuck or was not near. Empty unless friction is velocity-weakening.
     pub slip_speed: Vec<Real>,
 }
 

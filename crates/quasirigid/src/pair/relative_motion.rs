@@ -1,8 +1,8 @@
-//! What two bodies do together in a step, in full: the linear equations are about what they do apart.
+//! The motion that two bodies are expected to make in a step, with its full rotation: the linear equations hold only the deviations from it.
 //!
-//! A body that turns by `theta` in a step moves its points by `theta x r` to first order, but goes on the arc. Taken to first order about a place of its own, such as
-//! the palm of a hand, each of two bodies that turn together would end `theta^2 r / 2` from where the equations have it, each by another `r`; tangential rows are
-//! increments, so nothing undoes it, and what is held would leave the hand in every step. So the displacement of the two against each other is linearised about the
+//! A body that rotates by `theta` in a step moves its points by `theta x r` to first order, but along an arc. Taken to first order about a place of its own, such as
+//! the palm of a hand, each of two bodies that rotate together would end `theta^2 r / 2` from where the equations have it, each by another `r`; tangential rows are
+//! increments, so nothing corrects it, and what is held would leave the hand in every step. So the displacement of the two against each other is linearised about the
 //! motion that they are expected to make.
 
 use crate::free_motion::Expected;
@@ -10,15 +10,16 @@ use crate::math::{Mat3, Pose, Real, Vec3, skew};
 use crate::objects::Side;
 use serde::{Deserialize, Serialize};
 
-/// A motion against each other (m, rad) that is more than this in a step was no motion: one of the two was put elsewhere.
-const MOST_APART: Real = 0.05;
+/// A relative motion (m, rad) of more than this in a step was a jump: one of the two was given another pose.
+const LARGEST_CONTINUOUS: Real = 0.05;
 
-/// Displacement of `a` against `b` in a step, but for what the equations of motion of the two say: `shift + turn (p - at)`, world axes, m.
+/// Displacement of `a` against `b` in a step, without what their equations of motion add to it: `shift + gradient (p - at)`, world axes, m.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RelativeMotion {
     at: Vec3,
     shift: Vec3,
-    turn: Mat3,
+    /// Displacement gradient, -.
+    gradient: Mat3,
     /// Pose of `b` in the frame of `a` at the start of the last step in which they were near.
     last: Option<Pose>,
     /// rho and phi of the step before that, in the frame of the one that leads.
@@ -28,22 +29,22 @@ pub struct RelativeMotion {
 impl RelativeMotion {
     /// Of two bodies that were not near before.
     pub(crate) fn none() -> Self {
-        Self { at: Vec3::zeros(), shift: Vec3::zeros(), turn: Mat3::zeros(), last: None, before: None }
+        Self { at: Vec3::zeros(), shift: Vec3::zeros(), gradient: Mat3::zeros(), last: None, before: None }
     }
 
-    /// The two were apart.
+    /// The two were not near in this step.
     pub(crate) fn forget(&mut self) {
         (self.last, self.before) = (None, None);
     }
 
     /// At a point (world, m).
     pub fn displacement(&self, point: &Vec3) -> Vec3 {
-        self.shift + self.turn * (point - self.at)
+        self.shift + self.gradient * (point - self.at)
     }
 
     /// Finds it for the step under way, of `dt` (s).
     ///
-    /// Be `l` the body that leads and `f` the other, `P` the motion that `l` is expected to make (`P(p) = p + s + (R - 1)(p - o)`, R the rotation by theta), c the centre of
+    /// Let `l` be the body that leads and `f` the other, `P` the motion that `l` is expected to make (`P(p) = p + s + (R - 1)(p - o)`, R the rotation by theta), c the centre of
     /// mass of `f`, and `w(p) = rho + (exp(phi) - 1) (p - c)` the displacement of `f` against `l`, in the axes that `l` has at the start of the step; rho and phi are taken to go
     /// on as in the last two steps. Then `f` is expected to move by
     ///
@@ -51,7 +52,7 @@ impl RelativeMotion {
     ///     dc = P(c) - c + R rho          theta_f = theta + H phi          H = R^(1/2), as exp(theta + H phi) = R exp(phi) + O(phi^2)
     /// ```
     ///
-    /// and what the two do is, with x the free motion of each, x_e what was expected of it, and J taken at the start of the step:
+    /// and their relative displacement is, with x the free motion of each, x_e what was expected of it, and J taken at the start of the step:
     ///
     /// ```text
     ///     d_l - d_f = -w(p) + J_l (x_l - x_e,l) - J_f (x_f - x_e,f)
@@ -59,7 +60,7 @@ impl RelativeMotion {
     ///                 + (theta + H phi) x (p - c) - (exp(phi) - 1) (p - c)
     /// ```
     ///
-    /// If `l` is free itself (o: its centre) then J_l x_e,l takes `s + theta x (p - o)` off again. If both lead, each has its own P. A rotation that is not expected changes nothing.
+    /// If `l` is free itself (o: its centre) then J_l x_e,l takes `s + theta x (p - o)` off again. If both lead, each has its own P. Where the leading body is not expected to rotate, all of this is the motion to first order.
     pub(crate) fn renew(&mut self, sides: [Side<'_>; 2], dt: Real) {
         let [pose_a, pose_b] = sides.map(|side| side.pose());
         let now = pose_a.inverse() * pose_b;
@@ -67,47 +68,47 @@ impl RelativeMotion {
         let [of_a, of_b] = &sides.map(|side| Expected::of(side, dt));
         self.at = Vec3::zeros();
         if of_a.leads && of_b.leads {
-            let (turn_a, turn_b) = (less_one(&of_a.theta, 1.0), less_one(&of_b.theta, 1.0));
-            self.turn = turn_a - turn_b;
-            self.shift = of_a.shift - turn_a * of_a.origin - (of_b.shift - turn_b * of_b.origin);
+            let (gradient_a, gradient_b) = (rotation_less_identity(&of_a.theta, 1.0), rotation_less_identity(&of_b.theta, 1.0));
+            self.gradient = gradient_a - gradient_b;
+            self.shift = of_a.shift - gradient_a * of_a.origin - (of_b.shift - gradient_b * of_b.origin);
             return;
         }
         if of_a.leads || !of_b.leads {
             self.follow(of_a, &pose_a, of_b, &last, &now);
         } else {
             self.follow(of_b, &pose_b, of_a, &last.inverse(), &now.inverse());
-            (self.shift, self.turn) = (-self.shift, -self.turn);
+            (self.shift, self.gradient) = (-self.shift, -self.gradient);
         }
     }
 
     /// `lead` against `free`. `pose`: of the leading body; `last` and `now`: of the free one in its frame.
     fn follow(&mut self, lead: &Expected, pose: &Pose, free: &Expected, last: &Pose, now: &Pose) {
-        (self.at, self.shift, self.turn) = (free.origin, lead.shift, Mat3::zeros());
-        if !lead.turns() {
+        (self.at, self.shift, self.gradient) = (free.origin, lead.shift, Mat3::zeros());
+        if !lead.rotates() {
             self.before = None;
             return;
         }
         let center = now.inverse_transform_point(&pose.inverse_transform_point(&free.origin.into()));
-        let apart = [now * center - last * center, (now.rotation * last.rotation.inverse()).scaled_axis()];
-        // On a line through the last two steps.
-        let before = self.before.replace(apart).unwrap_or(apart);
-        let known = [apart, before].iter().flatten().all(|v| v.amax() < MOST_APART);
-        let [rho, phi] = [0, 1].map(|k| if known { pose.rotation * (apart[k] * 2.0 - before[k]) } else { Vec3::zeros() });
+        let relative = [now * center - last * center, (now.rotation * last.rotation.inverse()).scaled_axis()];
+        // Linear extrapolation of the last two steps.
+        let before = self.before.replace(relative).unwrap_or(relative);
+        let known = [relative, before].iter().flatten().all(|v| v.amax() < LARGEST_CONTINUOUS);
+        let [rho, phi] = [0, 1].map(|k| if known { pose.rotation * (relative[k] * 2.0 - before[k]) } else { Vec3::zeros() });
         let lever = free.origin - lead.origin;
-        self.shift += less_one(&lead.theta, 1.0) * (lever + rho);
-        let mut theta = less_one(&lead.theta, 0.5) * phi;
+        self.shift += rotation_less_identity(&lead.theta, 1.0) * (lever + rho);
+        let mut theta = rotation_less_identity(&lead.theta, 0.5) * phi;
         if lead.leads {
             theta += lead.theta;
         } else {
             self.shift -= lead.theta.cross(&lever);
         }
-        // Of w what phi x (p - c) is not: what turns on the spot against the other leaves it where it is.
-        self.turn = skew(&theta) + skew(&phi) - less_one(&phi, 1.0);
+        // Of w what phi x (p - c) is not: a rotation about c against the other body moves c nowhere.
+        self.gradient = skew(&theta) + skew(&phi) - rotation_less_identity(&phi, 1.0);
     }
 }
 
-/// `R - 1`, R the rotation by `share` of a rotation vector (Rodrigues): exactly zero for none, without a difference of near equals for a small one.
-fn less_one(theta: &Vec3, share: Real) -> Mat3 {
+/// `R - 1`, R the rotation by `share` of a rotation vector (Rodrigues): exactly zero for none, without cancellation for a small one.
+fn rotation_less_identity(theta: &Vec3, share: Real) -> Mat3 {
     let axis = skew(&(theta * share));
     let angle = theta.norm() * share;
     // sin(x)/x is 1 to rounding where x^2 is less than that.
@@ -127,7 +128,7 @@ mod tests {
     use proptest::prelude::*;
     use std::sync::{Arc, LazyLock};
 
-    /// Of whatever shape: where surfaces are does not matter here.
+    /// Any shape: surfaces do not matter here.
     static SURFACE: LazyLock<Arc<Surface>> =
         LazyLock::new(|| Arc::new(Surface::build(shapes::sample_sphere(0.01, 200).unwrap(), Some(20)).unwrap()));
 
@@ -232,9 +233,9 @@ mod tests {
             prop_assert!(slip < ROUNDING, "slip {slip:e} m");
         }
 
-        /// Both are free and turn about a common place as they did in the last step.
+        /// Both are free and rotate about a common place as they did in the last step.
         #[test]
-        fn two_free_bodies_that_turn_as_one_do_not_slip(
+        fn two_free_bodies_that_rotate_as_one_do_not_slip(
             a in pose(), b in pose(), shift in vector(0.1), theta in vector(0.99), points in prop::collection::vec(vector(1.0), 3),
         ) {
             let mut world = weightless();
@@ -245,10 +246,10 @@ mod tests {
                 world.add_body(body, Some(skin())).unwrap();
             }
             let mut motions = free_motions_of(&mut world);
-            let turn = Rot::from_scaled_axis(theta);
+            let rotation = Rot::from_scaled_axis(theta);
             let [of_a, of_b] = expected(&world);
             let lever = of_b.origin - of_a.origin;
-            let shifts = [shift, shift + turn * lever - lever];
+            let shifts = [shift, shift + rotation * lever - lever];
             for (motion, along) in motions.iter_mut().zip(shifts) {
                 motion.displacement = Vec6::new(along.x, along.y, along.z, theta.x, theta.y, theta.z);
             }
@@ -272,7 +273,7 @@ mod tests {
             let lead = world.add_body(fixed(a), Some(skin())).unwrap();
             let follow = world.add_body(free(b), Some(skin())).unwrap();
             let local = nalgebra::Point3::new(0.01, -0.02, 0.03);
-            // Step by step in the frame of the one that leads: the centre goes on by rho, the body turns by phi about it.
+            // Step by step in the frame of the one that leads: the centre goes on by rho, the body rotates by phi about it.
             let (mut at, mut relative) = (a.inverse() * b, RelativeMotion::none());
             for step in 0..3 {
                 let base = *world.body(lead).unwrap().pose();
@@ -281,12 +282,12 @@ mod tests {
                 let mut motions = free_motions_of(&mut world);
                 let center = base * at * local;
                 // Axes of the world.
-                let (by, turned) = (base.rotation * rho, base.rotation * phi);
+                let (by, rotated) = (base.rotation * rho, base.rotation * phi);
                 let along = (together * (center + by)) - center;
                 let half = Rot::from_scaled_axis(theta * 0.5);
-                let turn = theta + half * turned;
-                motions[1].displacement = Vec6::new(along.x, along.y, along.z, turn.x, turn.y, turn.z);
-                let w = |p: &Vec3| by + Rot::from_scaled_axis(turned) * (p - center.coords) - (p - center.coords);
+                let rotation = theta + half * rotated;
+                motions[1].displacement = Vec6::new(along.x, along.y, along.z, rotation.x, rotation.y, rotation.z);
+                let w = |p: &Vec3| by + Rot::from_scaled_axis(rotated) * (p - center.coords) - (p - center.coords);
                 relative.renew(sides(&world), world.params.dt);
                 if step == 2 {
                     let slip = |p: &Vec3| relative.displacement(p) - unexpected_displacement(sides(&world)[1], &motions[1], p);
@@ -302,7 +303,7 @@ mod tests {
         }
     }
 
-    /// A hand that turns and closes at once, with what it holds.
+    /// A hand that rotates and closes at once, with what it holds.
     #[test]
     fn what_a_closing_finger_takes_along_does_not_slip() {
         let model = crate::body::HandModel::three_finger().unwrap();

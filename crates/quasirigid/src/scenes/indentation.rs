@@ -10,7 +10,7 @@ use crate::world::{BodyHandle, World};
 use std::sync::Arc;
 
 /// Stiffness that holds the flat: translation N/m, rotation N m/rad. Two fixed bodies do not meet,
-/// so the flat is a free body on a spring so stiff that its give is of no account.
+/// so the flat is a free body on a spring so stiff that its deflection is negligible.
 const HOLD: [Real; 2] = [1e12, 1e10];
 
 /// What is pressed on what.
@@ -75,9 +75,9 @@ impl Indentation {
     /// # Errors
     /// [`crate::Error::InvalidValue`] for a number that is not finite.
     pub fn move_to(&mut self, depth: Real, shift: [Real; 2], twist: Real) -> Result<crate::StepReport> {
-        let turn = Rot::from_axis_angle(&Vec3::z_axis(), twist);
+        let rotation = Rot::from_axis_angle(&Vec3::z_axis(), twist);
         let place = Vec3::new(shift[0], shift[1], self.radius - depth);
-        self.world.body_mut(self.ball)?.move_to(Pose::from_parts(place.into(), turn))?;
+        self.world.body_mut(self.ball)?.move_to(Pose::from_parts(place.into(), rotation))?;
         Ok(self.world.step())
     }
 

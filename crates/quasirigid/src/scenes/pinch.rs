@@ -78,9 +78,9 @@ impl Pinch {
         let pad = Arc::new(Surface::build(shapes::sample_fingertip(options.pad, options.pad_points.0)?, Some(options.pad_points.1))?);
         let mut add = |name: &str, side: Real| -> Result<BodyHandle> {
             // The pad's +z turns to point at the box.
-            let turn = UnitQuaternion::from_axis_angle(&Vec3::y_axis(), -side * std::f64::consts::FRAC_PI_2);
+            let rotation = UnitQuaternion::from_axis_angle(&Vec3::y_axis(), -side * std::f64::consts::FRAC_PI_2);
             let x = side * (0.5 * options.size.x + options.pad.z + 1e-4);
-            let body = RigidBody::fixed(name, Pose::from_parts(Vec3::new(x, 0.0, 0.0).into(), turn))?;
+            let body = RigidBody::fixed(name, Pose::from_parts(Vec3::new(x, 0.0, 0.0).into(), rotation))?;
             world.add_body(body, Some((pad.clone(), options.pad_material.clone())))
         };
         let pads = [add("pad -x", -1.0)?, add("pad +x", 1.0)?];

@@ -1,7 +1,7 @@
 //! Values with stable indices: a slot is its value's for as long as that is there, whatever else is added or removed.
 //!
 //! Freed slots are used again, lowest first, so that what is kept by slot stays short. A generation, which no two values of one
-//! list ever share, tells a value from an earlier one in the same slot; it also says which of two was added first.
+//! list ever share, distinguishes a value from an earlier one in the same slot; it also gives the order in which values were added.
 
 mod stored;
 

@@ -1,5 +1,5 @@
 //! An interior-point method, for the few problems on which sweeps and Newton steps from contact to
-//! contact find no way: stacks with many more supports than coordinates, some of which slip.
+//! contact do not converge: stacks with many more supports than coordinates, some of which slip.
 //!
 //! With the friction coefficient scaled away, `x = (mu r_n, r_t)` and `y = (v_n / mu, u_t)` where `v_n = u_n + mu |u_t|` is the
 //! normal velocity with De Saxce's shift, the laws of a contact say that `x` and `y` lie in the cone `K = { |z_t| <= z_n }` and
@@ -30,7 +30,7 @@ use crate::math::{Mat3, Real, Vec3};
 /// Steps at most. Most problems take 25 to 40.
 const STEPS: u32 = 60;
 
-/// Steps without a better iterate after which there is no point in going on.
+/// Steps without a better iterate after which the search ends.
 const PATIENCE: u32 = 12;
 
 /// Smallest friction coefficient that the scaling can stand. What is below is treated as this; the sweep that follows has the true one.
@@ -152,7 +152,7 @@ pub(crate) fn interior_point(w: &Assembled, q: &[Vec3], mu: &[Real], r: &mut [Ve
                 dy[i].x += tangents[i].dot(&dy[i]);
             }
         };
-        // How far one could go with no barrier tells how much of it is still needed.
+        // The largest step without a barrier says how much of the barrier is still needed.
         direction(0.0, &mut dx, &mut dy);
         let reach = to_the_edge(&x, &dx).min(to_the_edge(&y, &dy)).min(1.0);
         let share = (1.0 - reach).powi(2).max(1e-3);

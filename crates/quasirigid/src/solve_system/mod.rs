@@ -16,7 +16,7 @@ use interior_point::{Until, interior_point};
 use proximal_point::proximal_newton;
 
 /// Sweeps and Newton steps before heavier means. Most of them are not used:
-/// where sweeps crawl, they end after 40, and Newton steps after 30.
+/// where sweeps converge slowly, they end after 40, and Newton steps after 30.
 const FIRST_TRY: u32 = 400;
 
 /// See [`Cascade::tighten`].
@@ -228,7 +228,7 @@ impl Cascade<'_> {
         }
     }
 
-    /// One part, by everything there is. `fresh`: sweeps have not been tried on it alone.
+    /// One part, by all methods. `fresh`: sweeps have not been tried on it alone.
     fn solve_part(&mut self, w: &mut Assembled, q: &[Vec3], mu: &[Real], goal: Real, fresh: bool) {
         let sums = self.sums(w, q, mu);
         let mut best = sums.error.sqrt();
@@ -344,7 +344,7 @@ mod tests {
     use crate::math::Mat3;
 
     /// Rigid boxes on each other, four contacts between each two: 12 forces for 6
-    /// coordinates per box, and nothing gives. The topmost is pushed sideways.
+    /// coordinates per box, and nothing deforms. The topmost is pushed sideways.
     fn rigid_stack(levels: usize, push: Real) -> (Vec<Real>, Vec<Real>, Vec<Real>) {
         let n = 4 * levels;
         // Rows of H: contact, box, 3x6 in frames (up, x, y).
@@ -405,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn interior_point_finds_what_sweeps_crawl_to() {
+    fn interior_point_finds_what_sweeps_slowly_converge_to() {
         let (w, q, mu) = rigid_stack(3, 0.03);
         let system = ContactSystem::from_dense(&w, &q, &mu).unwrap();
         let mut r = vec![Vec3::zeros(); mu.len()];

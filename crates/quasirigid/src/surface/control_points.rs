@@ -84,7 +84,7 @@ impl TryFrom<Vec<(u32, Real)>> for Weights {
 }
 
 impl Weights {
-    /// No control point at all: of a surface that does not yield.
+    /// No control point at all: of a surface that does not deform.
     pub fn none() -> Self {
         Self { len: 0, index: [0; MAX_WEIGHTS], weight: [0.0; MAX_WEIGHTS] }
     }
@@ -139,7 +139,7 @@ impl ControlPoints {
                 .points()
                 .min_by(|&a, &b| (points[a] - node.center).norm_squared().total_cmp(&(points[b] - node.center).norm_squared()))
                 .unwrap_or(node.first_point as usize);
-            // Only points that look the way of this leaf may decide where its surface is: the other side of a thin plate is near, too.
+            // Only points whose normals are like those of this leaf decide where its surface is: the other side of a thin plate is near, too.
             let facing = -normals[nearest];
             project(&node.center, &Cloud { points, normals, ranges, kernel, facing: Some(&facing) }, tolerance, 20)
                 .map_or((points[nearest], normals[nearest]), |p| (p.point, p.normal))

@@ -70,7 +70,7 @@ impl SphereTree {
     /// of the `k`-th point. `gaps[i]` is half the distance from point `i` to the farthest of its close neighbours, m.
     ///
     /// `leaf_count` must be between 1 and the number of points; the caller checks.
-    /// Once `interrupt` is raised it ends, with a tree that is good for nothing.
+    /// Once `interrupt` is raised it ends, with a tree that must not be used.
     pub(crate) fn build(
         points: &[Vec3],
         normals: &[Vec3],
@@ -191,7 +191,7 @@ fn cut_by_normals(normals: &[Vec3], order: &mut [u32]) -> Option<usize> {
     (left > 0 && left < order.len()).then_some(left)
 }
 
-/// The direction in which the chosen vectors spread most, about: along it they are cut, and for that a few thousand of them tell enough.
+/// The direction in which the chosen vectors spread most, about: they are cut along it, for which a few thousand of them suffice.
 fn principal_axis(vectors: &[Vec3], order: &[u32]) -> Vec3 {
     let step = order.len().div_ceil(AXIS_SAMPLE);
     let first = vectors[order[0] as usize];

@@ -138,7 +138,7 @@ impl Surface {
         let leaf_gaps: Vec<Real> = (0..leaf_count).map(|l| gaps[tree.leaf(l).points()].iter().copied().fold(0.0, Real::max)).collect();
         let leaf_neighbours = neighbours_of_leaves(&tree, kernel.cutoff());
         interrupt.check()?;
-        // A leaf's centre hardly moves as it is projected: only points about a cutoff away have a say.
+        // A leaf's centre hardly moves as it is projected: only points about a cutoff away have weight.
         let border = |leaf: usize, ranges: &mut Vec<Range<u32>>| {
             let (own, reach) = (tree.leaf(leaf), 1.2 * kernel.cutoff());
             ranges.push(own.first_point..own.first_point + own.point_count);

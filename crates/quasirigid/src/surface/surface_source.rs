@@ -1,6 +1,6 @@
-//! What a surface is built of, to build it anew elsewhere: in another process, say.
+//! What a surface is built of, to build it again elsewhere, for example in another process.
 //!
-//! A tenth of the size of the surface, and nothing in it that has to be believed: what is read is checked as if a user had given it.
+//! A tenth of the size of the surface, and nothing in it is trusted: what is read is checked as if a user had given it.
 
 use crate::error::Result;
 use crate::math::{Real, Vec3};
@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn a_surface_that_is_built_anew_has_the_same_bits() {
+    fn a_surface_that_is_built_again_has_the_same_bits() {
         let (points, normals, areas) = sample_capsule(0.01, 0.04, 1500).unwrap().into_parts();
         let made = [
             PointSurface::new(points.clone(), normals.clone(), areas),

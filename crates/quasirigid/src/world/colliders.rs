@@ -115,8 +115,8 @@ impl World {
         Ok(())
     }
 
-    /// Says what a collider may touch, from the next step on. Where it may no longer touch what it is in contact with, the contact
-    /// ends there, as if the two had been taken apart: its reactions are forgotten, and its elastic displacement relaxes.
+    /// Sets what a collider may touch, from the next step on. Where it may no longer touch what it is in contact with, the contact
+    /// ends there, as if the two had been separated: its reactions are forgotten, and its elastic displacement relaxes.
     ///
     /// # Errors
     /// [`Error::InvalidHandle`] if it was removed.

@@ -1,4 +1,4 @@
-//! The friction of pairs: what a world combines by rule, and what it is told.
+//! The friction of pairs: combined from two materials by a rule, or set in a table.
 
 use crate::collider::friction_table::FrictionKey;
 use crate::collider::{Friction, Material};
@@ -13,7 +13,7 @@ pub enum FrictionSide {
     /// All bodies of a material that has this name; also those added later. Any name will do: whoever has the material cannot mistype it.
     Material(String),
     /// The same by a name that must be known, so that a mistyped one is found: a preset, the material of a body in the world, or one
-    /// that the table speaks of already.
+    /// that is in the table already.
     Name(String),
     /// One body.
     Body(BodyHandle),
@@ -38,9 +38,9 @@ impl From<BodyHandle> for FrictionSide {
 }
 
 impl World {
-    /// Says what friction is between `a` and `b`, instead of combining it from two materials
+    /// Sets the friction between `a` and `b`, instead of combining it from two materials
     /// ([`crate::Parameters::friction_rule`]); holds from the next step on.
-    /// `None` takes back what was said of this pair.
+    /// `None` removes the entry of this pair.
     ///
     /// An entry about two bodies goes before one about a body and a material, and that before one
     /// about two materials; of equals the last one set holds. A direction lies in the frame of the
@@ -62,7 +62,7 @@ impl World {
         Ok(())
     }
 
-    /// Looks up the friction of all pairs anew, after the table or the rule has changed.
+    /// Looks up the friction of all pairs again, after the table or the rule has changed.
     pub(crate) fn renew_friction(&mut self) {
         let Self { pairs, friction, objects, params, .. } = self;
         for pair in pairs {

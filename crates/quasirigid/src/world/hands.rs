@@ -24,7 +24,7 @@ pub struct Hand {
 }
 
 impl Hand {
-    /// Where the base is told to be at the end of the next step.
+    /// Target of the base at the end of the next step, if one was set.
     pub(super) fn target(&self) -> Option<&Pose> {
         self.target.as_ref()
     }
@@ -171,7 +171,7 @@ impl World {
         HandHandle { world: self.number, index: index as u32 }
     }
 
-    pub(crate) fn hands_arrived(&mut self) {
+    pub(crate) fn update_hand_poses(&mut self) {
         for index in 0..self.hands.len() {
             let Some(target) = self.hands[index].as_mut().and_then(|hand| hand.target.take()) else { continue };
             // A finger that was quarantined stays behind; a hand of nothing else has not moved.

@@ -183,7 +183,7 @@ impl World {
         Ok(self.objects.bodies.place(slot).unwrap_or(usize::MAX))
     }
 
-    /// Place in [`World::bodies`] of the body in each slot, for what speaks of slots: [`Contact::body_a`]. 0 for a free one.
+    /// Place in [`World::bodies`] of the body in each slot, for what names bodies by their slots: [`Contact::body_a`]. 0 for a free one.
     pub fn body_places(&self) -> Vec<u32> {
         let mut places = vec![0; self.objects.bodies.slot_count()];
         for (place, &slot) in (0..).zip(self.objects.bodies.order()) {
@@ -216,7 +216,7 @@ impl World {
     }
 
     /// The hash of motion alone: the same for two worlds whose poses, velocities, joints and elastic displacements are
-    /// the same bits, and the slip speeds where friction falls with them. It may be the same though their futures
+    /// the same bits, and the slip speeds where friction is velocity-weakening. It may be the same though their futures
     /// differ, so it is for tests that compare what moves; [`World::state_hash`] is of the whole state.
     #[doc(hidden)]
     pub fn motion_hash(&self) -> u64 {

@@ -1,4 +1,4 @@
-//! What a step says of itself.
+//! The report of a step.
 
 use crate::gauss_seidel::Stop;
 use crate::math::Real;
@@ -71,7 +71,7 @@ pub struct StepReport {
     pub stop: Stop,
     /// The traversal budget ran out: some contacts are coarser than the leaves.
     pub budget_exhausted: bool,
-    /// Contacts left out because nothing could move or give there.
+    /// Contacts left out because neither body could move and neither surface could deform there.
     pub ill_posed: usize,
     /// Bodies that became non-finite in this step and were rolled back and quarantined.
     pub quarantined: Vec<crate::world::BodyHandle>,

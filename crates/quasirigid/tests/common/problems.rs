@@ -147,7 +147,7 @@ fn push_pad_entry(w: &mut MatrixFree, pad: &Pad, j: usize, r: &Vec3, area: Real)
 
 /// A rigid box of 1 kg on `side * side` support points, each with a compliance of
 /// `softness` times the rigid one of the box, pushed sideways by
-/// `push` (share of its weight). Far more supports than the 6 coordinates of the box can tell apart.
+/// `push` (share of its weight). Far more supports than the box has coordinates.
 pub fn support(side: usize, softness: Real, push: Real, mu: Real) -> Problem {
     let (mass, half) = (1.0, 0.1);
     let inertia = Vec3::repeat(mass * half * half * 2.0 / 3.0);

@@ -141,8 +141,8 @@ impl HandModel {
     /// # Errors
     /// None in practice: the figures are constants.
     pub fn three_finger() -> Result<Self> {
-        let base = |x: Real, y: Real, turn: Real| {
-            Pose::from_parts(Vec3::new(x, y, -KNUCKLE_DEPTH).into(), Rot::from_axis_angle(&Vec3::z_axis(), turn))
+        let base = |x: Real, y: Real, angle: Real| {
+            Pose::from_parts(Vec3::new(x, y, -KNUCKLE_DEPTH).into(), Rot::from_axis_angle(&Vec3::z_axis(), angle))
         };
         let fingers = vec![
             built_in_finger("thumb", base(-KNUCKLE_SIDE, 0.0, 0.0))?,

@@ -1,4 +1,4 @@
-//! An articulated finger: a serial chain of revolute joints on a base that moves as told.
+//! An articulated finger: a serial chain of revolute joints on a base with prescribed motion.
 
 pub mod dynamics;
 pub mod hand;
@@ -12,12 +12,12 @@ use dynamics::{Kinematics, forward_kinematics};
 use model::FingerModel;
 use serde::{Deserialize, Serialize};
 
-/// Compliance that a finger has in every direction where a force is computed from a distance, m/N: a thousandth of that of a bent one.
+/// Least compliance of a finger in every direction where a force is computed from a distance, m/N: a thousandth of that of a bent one.
 const STRETCHED_COMPLIANCE: Real = 1e-6;
 /// A joint without stiffness counts as this stiff there, N m/rad.
 const SLACK_JOINT: Real = 1e-9;
 
-/// Where a joint stands with respect to its limits. A joint at a stop is locked for the step: its row and column leave the
+/// Which of its limits a joint is at. A joint at a stop is locked for the step: its row and column leave the
 /// equations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum JointStop {
@@ -110,7 +110,7 @@ impl Finger {
         &self.state.base
     }
 
-    /// Where the hand frame will be after the next step, if it was told to move.
+    /// Where the hand frame will be after the next step, if a target was set.
     pub fn base_target(&self) -> Option<&Pose> {
         self.base_target.as_ref()
     }
@@ -260,7 +260,7 @@ impl Finger {
     /// Force (N, world) with which the point of `link` at `point` (m, world) would press on something that holds it
     /// where it is, if the controllers had the targets `q` (rad): without damping, weight and torque limits.
     ///
-    /// The joints give way by dq so that J dq = 0 under the reaction -F (K: stiffness of the joints, e: their distance to the targets):
+    /// The joints are displaced by dq so that J dq = 0 under the reaction -F (K: stiffness of the joints, e: their distance to the targets):
     ///
     /// ```text
     ///     K (e - dq) = J^T F      so      F = (J K^-1 J^T)^-1 J e
@@ -289,7 +289,7 @@ impl Finger {
         }
     }
 
-    /// Takes over the end of a step; the caller is `constrained_motion`.
+    /// Sets the state at the end of a step; the caller is `constrained_motion`.
     pub(crate) fn finish_step(
         &mut self,
         positions: Vec6,

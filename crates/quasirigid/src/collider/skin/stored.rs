@@ -1,4 +1,4 @@
-//! What is stored of a skin, and what is refused when it is read. Surface and material are stored apart, once each.
+//! What is stored of a skin, and what is refused when it is read. Surface and material are stored separately, once each.
 
 use super::{Skin, Sphere};
 use crate::collider::Material;

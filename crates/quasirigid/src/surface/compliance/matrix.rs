@@ -41,7 +41,7 @@ struct Unchecked {
     asymmetry: Real,
 }
 
-/// Whether a matrix is positive semidefinite takes seconds and was checked when it was made; here is looked at what takes no time.
+/// Whether a matrix is positive semidefinite takes seconds and was checked when it was made; here only what takes no time is checked.
 impl TryFrom<Unchecked> for ComplianceMatrix {
     type Error = Error;
 
@@ -87,7 +87,12 @@ impl ComplianceMatrix {
         }
         let largest = matrix.amax();
         if largest == 0.0 {
-            return Err(Error::value(what, "a surface that gives somewhere", "zeros", "use a stiff material for a surface that does not"));
+            return Err(Error::value(
+                what,
+                "a surface that deforms somewhere",
+                "zeros",
+                "use a stiff material for a surface that does not",
+            ));
         }
         let (difference, row, column) = largest_asymmetry(matrix);
         let asymmetry = difference / largest;
@@ -96,7 +101,7 @@ impl ComplianceMatrix {
                 what,
                 format!("symmetric within {ROUNDING:e} of its largest entry"),
                 format!("a difference of {asymmetry:.1e} of it between entry ({row}, {column}) and its mirror image"),
-                "elastic bodies have a symmetric compliance; give (C + C.T) / 2 if the difference is noise",
+                "elastic bodies have a symmetric compliance; ratio (C + C.T) / 2 if the difference is noise",
             ));
         }
         let mut symmetric = (matrix + matrix.transpose()) * 0.5;
@@ -164,7 +169,7 @@ impl ComplianceMatrix {
         leaves().flat_map(|k| leaves().map(move |l| (k, l))).map(|(k, l)| self.block(k, l) * (share(k) * share(l))).sum()
     }
 
-    /// How far the surface gives at most under a uniform pressure of 1 Pa over a patch of `area` (m^2), in whatever direction, m/Pa.
+    /// Largest displacement of the surface under a uniform pressure of 1 Pa over a patch of `area` (m^2), in whatever direction, m/Pa.
     pub fn patch_compliance(&self, control: &ControlPoints, area: Real) -> Real {
         let reach2 = area / PI;
         let around = |i: usize| {
@@ -296,8 +301,8 @@ mod tests {
         let rigid = DMatrix::from_fn(192, 192, |i, j| if i % 3 == j % 3 { 1e-3 } else { 0.0 });
         let matrix = ComplianceMatrix::new(&rigid).unwrap();
         let area = 16.0 * control.spacing.powi(2);
-        let give = matrix.patch_compliance(control, area) / (1e-3 * area * Real::sqrt(3.0));
-        assert!((0.8..1.3).contains(&give), "{give} of the truth");
+        let ratio = matrix.patch_compliance(control, area) / (1e-3 * area * Real::sqrt(3.0));
+        assert!((0.8..1.3).contains(&ratio), "{ratio} of the truth");
         let narrow = matrix.patch_compliance(control, 0.1 * control.areas[0]) / (1e-4 * control.areas[0] * Real::sqrt(3.0));
         assert!((narrow - 1.0).abs() < 0.2, "{narrow} of the truth");
     }

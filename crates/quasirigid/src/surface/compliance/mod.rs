@@ -1,4 +1,4 @@
-//! Compliance of a surface between its control points: how far point `i` gives under a force at point `j` (design 3.3).
+//! Compliance of a surface between its control points: the displacement of point `i` under a force at point `j` (design 3.3).
 //!
 //! Two models and a user's own matrix. All are symmetric positive semidefinite, constant in the body's frame, and hold the *static* compliance `K^-1` (m/N).
 //! Damping proportional to stiffness, `D = tau K`, makes the compliance over one step `C = (K + D/dt)^-1 = K^-1 (1 - alpha)` with
@@ -52,7 +52,7 @@ pub struct HalfSpaceCompliance {
 }
 
 impl Compliance {
-    /// How far the surface gives under a uniform pressure of 1 Pa on a patch of `area` (m^2), m/Pa. A figure to compare surfaces by.
+    /// Displacement of the surface under a uniform pressure of 1 Pa on a patch of `area` (m^2), m/Pa. A figure to compare surfaces by.
     pub fn patch_compliance(&self, control: &ControlPoints, area: Real) -> Real {
         match self {
             // A row sums to 1/k, whatever the patch.
@@ -105,7 +105,7 @@ impl LocalCompliance {
     /// ```
     ///
     /// `S` is the discrete form of `pi sigma^2`: with it a uniform pressure p gives p/k whatever the sampling, also where the surface ends
-    /// and where control points are sparser than sigma. The factor of the normals keeps the two sides of a thin plate apart.
+    /// and where control points are sparser than sigma. The factor of the normals uncouples the two sides of a thin plate.
     /// Gaussian, Schur product and congruence each keep the matrix positive semidefinite.
     pub fn build(control: &ControlPoints, foundation_modulus: Real, width: Real, share: Real) -> Self {
         let (k, sigma, beta) = (foundation_modulus, width, share);
@@ -173,8 +173,8 @@ impl HalfSpaceCompliance {
     ///
     /// m_i is the mean of 1/r over the control point's own area, and half of it that of x^2/r^3, as all directions are alike; a disc of radius a has m = 2/a. It is
     /// chosen to make the sum over unevenly placed points right: [`ControlPoints::inverse_distances`]. n is the mean of
-    /// the two normals: the half-space is the plane that the pair shares. The factor (1 + n_i . n_j)/2 lets the two sides
-    /// of a body, which are not on one half-space, leave each other alone; it is 1 within a flat patch.
+    /// the two normals: the half-space is the plane that the pair shares. The factor (1 + n_i . n_j)/2 uncouples the two sides
+    /// of a body, which are not on one half-space; it is 1 within a flat patch.
     pub fn block(&self, control: &ControlPoints, i: usize, j: usize) -> Mat3 {
         if i == j {
             return self.self_block(&control.normals[i], control.inverse_distances[i]);

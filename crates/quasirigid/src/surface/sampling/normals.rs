@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 /// Neighbours in the plane fit and in the graph.
 const NORMAL_NEIGHBOURS: usize = 12;
-/// Neighbours looked at where the nearest are on one line or in one place.
+/// Neighbours used where the nearest are on one line or in one place.
 const WIDE_NEIGHBOURS: usize = 96;
 /// An edge that costs less than this is safe to cross: normals within a few degrees of what they should be, along the surface.
 const SAFE: Real = 0.05;
@@ -183,8 +183,8 @@ pub(crate) fn disagreements(points: &[Vec3], normals: &[Vec3], nearest: &Nearest
 /// Edges between different parts, the safest first: (i, j, whether the normals disagree). In that order a union-find makes a minimum spanning tree (Kruskal).
 fn remaining_edges(points: &[Vec3], normals: &[Vec3], k: usize, nearest: &Nearest, roots: &[(u32, bool)]) -> Vec<(u32, u32, bool)> {
     let of_point = |i: usize| {
-        let apart = nearest.of(i)[..k].iter().map(|&j| j as usize).filter(move |&j| roots[i].0 != roots[j].0);
-        apart.map(move |j| {
+        let elsewhere = nearest.of(i)[..k].iter().map(|&j| j as usize).filter(move |&j| roots[i].0 != roots[j].0);
+        elsewhere.map(move |j| {
             let (cost, flip) = edge(points, normals, i, j);
             ((cost * COST_STEPS) as u16, i as u32, j as u32, flip)
         })

@@ -16,7 +16,7 @@ use crate::surface::sampling::winding_number::WindingTree;
 use crate::surface::search::nearest::{Nearest, SortedPoints};
 use rayon::prelude::*;
 
-/// Of fewer points most lie beside an edge, and what is an edge or noise nobody can tell.
+/// Of fewer points most lie beside an edge, and an edge cannot be distinguished from noise.
 const FEWEST_JUDGED: usize = 200;
 /// Points whose normals are judged.
 const JUDGED: usize = 4096;
@@ -44,8 +44,8 @@ const CLEARLY: Real = 0.7;
 const FEW: Real = 0.005;
 /// Share of points on walls from which on a cloud is taken for one with thin walls.
 const MANY: Real = 0.1;
-/// Share of doubtful normals that is not worth a word.
-const NEXT_TO_NOTHING: Real = 0.002;
+/// Share of doubtful normals that is not reported.
+const NEGLIGIBLE: Real = 0.002;
 /// Share of given normals that may be more than 45 degrees off the surface: edges and noise have some.
 const MOST_OFF: Real = 0.3;
 /// A neighbourhood is flat where it is this much thinner than wide; only there it says which way its normal is.
@@ -248,22 +248,22 @@ pub(crate) fn estimate(sorted: &SortedPoints, nearest: &Nearest, interrupt: &Int
     }
     let noise = if noisy { cloud.noise(&normals) } else { 0.0 };
     if noise < NOISY {
-        return Estimate { normals, noise: 0.0, doubtful: worth_a_word(doubtful), smooth: None };
+        return Estimate { normals, noise: 0.0, doubtful: significant(doubtful), smooth: None };
     }
     if !thin && !walls {
         // Across a thin wall means would mix its two sides.
         normals = cloud.refitted(&cloud.smoothed(&normals, 1));
     }
     let smooth = Some(cloud.on_the_surface(&normals));
-    Estimate { normals, noise, doubtful: worth_a_word(doubtful), smooth }
+    Estimate { normals, noise, doubtful: significant(doubtful), smooth }
 }
 
-/// The share, or 0 where it is next to nothing.
-fn worth_a_word(share: Real) -> Real {
-    if share > NEXT_TO_NOTHING { share } else { 0.0 }
+/// The share, or 0 where it is negligible.
+fn significant(share: Real) -> Real {
+    if share > NEGLIGIBLE { share } else { 0.0 }
 }
 
-/// Share of two lists of normals that look to different sides.
+/// Share of two lists of normals that point to different sides.
 fn differing(a: &[Vec3], b: &[Vec3]) -> Real {
     a.iter().zip(b).filter(|(a, b)| a.dot(b) < 0.0).count() as Real / a.len().max(1) as Real
 }

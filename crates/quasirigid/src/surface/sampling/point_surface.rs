@@ -17,7 +17,7 @@ pub struct PointSurface {
     points: Vec<Vec3>,
     normals: Vec<Vec3>,
     areas: Vec<Real>,
-    /// Where neighbours were looked for: what they told, so that nobody has to look again.
+    /// What was found where neighbours were searched for, so that they need not be searched for again.
     spread: Option<Spread>,
     findings: Findings,
 }

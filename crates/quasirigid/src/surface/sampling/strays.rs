@@ -1,7 +1,7 @@
 //! Points of a cloud that are no part of its surface: flying pixels, the origin that a depth camera reports for "nothing seen", dust.
 //!
 //! Two statistical tests, both against the points around and not against one length for the whole cloud (a cloud may be dense here and thin there):
-//! - *apart*: points that hang together over steps of a few local spacings make parts, and a part of very few points is stray. (The outlier filters of Open3D
+//! - *isolated*: points that are connected by steps of a few local spacings make parts, and a part of very few points is stray. (The outlier filters of Open3D
 //!   and PCL look at mean distances to neighbours in the same spirit, one point at a time.)
 //! - *off*: a point that stands off the plane of its neighbours by more than a spacing, where these lie in a plane themselves.
 
@@ -11,16 +11,16 @@ use crate::surface::sampling::normals::{Parts, scatter};
 use crate::surface::search::nearest::Nearest;
 use rayon::prelude::*;
 
-/// With fewer points nobody can tell a stray one from a corner.
+/// With fewer points a stray one cannot be distinguished from a corner.
 pub(crate) const FEWEST: usize = 60;
-/// The spacing around a point is told by the distance of this neighbour: a disc of that radius holds as many points as squares of one spacing.
+/// The spacing around a point is estimated from the distance of this neighbour: a disc of that radius holds as many points as squares of one spacing.
 const SPACING_NEIGHBOUR: usize = 4;
 /// A step longer than this many local spacings is a gap.
 const GAP: Real = 4.0;
 /// Parts of fewer points, and of fewer than this share of all, are stray.
 const STRAY_PART: usize = 12;
 const STRAY_PART_SHARE: Real = 0.005;
-/// With more than this share standing apart the cloud has no surface that they could be apart from, and all are kept.
+/// With more than this share isolated the cloud has no surface to which the others could belong, and all are kept.
 const MOST_STRAYS: Real = 0.2;
 /// A point is off when it is higher than this over the plane of its neighbours, in local spacings ...
 const OFF: Real = 1.2;
@@ -75,15 +75,15 @@ pub(crate) fn find_strays(points: &[Vec3], nearest: &Nearest) -> Option<Vec<bool
     let roots = parts.roots();
     let mut sizes = vec![0_usize; n];
     roots.iter().for_each(|&(root, _)| sizes[root as usize] += 1);
-    let apart = |i: usize| {
+    let is_isolated = |i: usize| {
         let size = sizes[roots[i].0 as usize];
         size < STRAY_PART && (size as Real) < STRAY_PART_SHARE * n as Real
     };
     let mut stray: Vec<bool> =
-        (0..n).into_par_iter().with_min_len(1024).map(|i| apart(i) || is_off(i, points, nearest, spacing(i))).collect();
+        (0..n).into_par_iter().with_min_len(1024).map(|i| is_isolated(i) || is_off(i, points, nearest, spacing(i))).collect();
     let count = stray.iter().filter(|s| **s).count();
     if count as Real > MOST_STRAYS * n as Real {
-        stray = (0..n).map(apart).collect();
+        stray = (0..n).map(is_isolated).collect();
     }
     let count = stray.iter().filter(|s| **s).count();
     (count > 0 && count as Real <= MOST_STRAYS * n as Real).then_some(stray)

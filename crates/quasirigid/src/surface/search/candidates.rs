@@ -64,7 +64,7 @@ impl Candidates {
         seen2 == Real::INFINITY || near[count - 1].distance2() < seen2
     }
 
-    /// Replaces `near` by the candidates up to a squared distance; returns their number. Without a branch on what is kept: no processor could foretell it.
+    /// Replaces `near` by the candidates up to a squared distance; returns their number. Without a branch on what is kept, which no processor could predict.
     fn keep_below(&self, filter: Real, near: &mut Vec<Candidate>) -> usize {
         near.resize(self.index.len() + 1, Candidate::default());
         let mut kept = 0;

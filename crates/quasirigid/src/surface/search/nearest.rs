@@ -2,7 +2,7 @@
 //!
 //! The points are sorted by the cells of a grid, the cells along a curve that fills space (Morton, *A computer oriented geodetic data base*, 1966). So what is near in
 //! space is near in memory, for whatever comes after too, and the candidates of a cell (its own points and those of the 26 cells around it) are
-//! gathered once for all of its points. The size of the cells comes from the distances that a few of the points really see.
+//! gathered once for all of its points. The size of the cells comes from the distances to the neighbours of a few of the points.
 //!
 //! For single queries at any place there is [`crate::surface::NeighbourGrid`].
 
@@ -15,9 +15,9 @@ use std::ops::Range;
 
 /// Points per cell of the first grid, were the set the faces of its bounding box.
 const FIRST_LOAD: Real = 5.0;
-/// Points that tell how far neighbours are.
+/// Points from which the distance of neighbours is estimated.
 const SAMPLE: usize = 64;
-/// Edge of a cell over what nine of ten of them see: enough for nearly every point to have its neighbours in the 27 cells around it.
+/// Edge of a cell over the distance within which nine of ten of them have their neighbours: enough for nearly every point to have its neighbours in the 27 cells around it.
 const EDGE: Real = 1.1;
 /// A first grid within this of what it should be is kept.
 const GOOD_ENOUGH: Range<Real> = 0.95..1.4;
@@ -155,7 +155,7 @@ impl SortedPoints {
             let x = &self.points[i];
             let seen = self.grid.seen_to(x, home, 1);
             if block.nearest(x, k + 1, *filter, seen * seen, near) {
-                // The next point of the cell sees about as far.
+                // The neighbours of the next point of the cell are about as far.
                 *filter = FILTER * near[k].distance2();
             } else {
                 self.search(i, k + 1, wider, near);

@@ -4,7 +4,7 @@
 //! "quasirigid snapshot\n", then CBOR: { version, layout }, then CBOR: the record
 //! ```
 //!
-//! Only the version that wrote them reads them. Surfaces are built anew, and the
+//! Only the version that wrote them reads them. Surfaces are built again, and the
 //! nodes that caches name are those of the tree that this version builds.
 
 use super::Snapshot;
@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 const MAGIC: &[u8] = b"quasirigid snapshot\n";
 
 /// Stands for the fields of a record and their types: a test says which number it has to be.
-pub(super) const LAYOUT: u64 = 0xa4f4_0a76_1a71_8d53;
+pub(super) const LAYOUT: u64 = 0x9aea_92d6_3a44_fd6a;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
@@ -86,7 +86,7 @@ impl Snapshot {
 }
 
 fn damaged(why: String) -> Error {
-    refused("a whole snapshot", why, "it is damaged: write it anew")
+    refused("a whole snapshot", why, "it is damaged: write it again")
 }
 
 fn read<T: serde::de::DeserializeOwned>(bytes: &mut &[u8]) -> std::result::Result<T, String> {

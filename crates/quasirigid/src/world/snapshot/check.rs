@@ -19,7 +19,7 @@ use std::sync::Arc;
 
 type Checked<T> = Result<T, String>;
 
-fn say(error: crate::Error) -> String {
+fn message(error: crate::Error) -> String {
     error.to_string()
 }
 
@@ -30,12 +30,12 @@ pub(super) fn snapshot_of(record: Record) -> Checked<Snapshot> {
     check_numbers(&materials)?;
     let State { params, bodies, colliders, excluded, pairs, caches, friction, hands, steps, start_time, start_steps, contacts, problem } =
         state;
-    params.check().map_err(say)?;
+    params.check().map_err(message)?;
     if start_steps > steps {
         return Err(format!("a time step that was set after {start_steps} of {steps} steps"));
     }
     let surfaces: Vec<Arc<Surface>> =
-        surfaces.into_iter().map(|source| source.build().map(Arc::new).map_err(say)).collect::<Checked<_>>()?;
+        surfaces.into_iter().map(|source| source.build().map(Arc::new).map_err(message)).collect::<Checked<_>>()?;
     let materials: Vec<Material> = materials.into_iter().map(Cow::into_owned).collect();
     let mut parts = Parts { surfaces, materials, made: Vec::new(), bytes: 0 };
     let bodies = bodies.read(body)?;
@@ -156,8 +156,8 @@ impl Parts {
             Some((_, compliance)) => compliance.clone(),
             None => {
                 self.bytes = self.bytes.saturating_add(bytes_of_compliance(of_surface, of_material));
-                check_bytes("compliance of the bodies of a snapshot", self.bytes).map_err(say)?;
-                let compliance = compliance_of(of_surface, of_material).map_err(say)?;
+                check_bytes("compliance of the bodies of a snapshot", self.bytes).map_err(message)?;
+                let compliance = compliance_of(of_surface, of_material).map_err(message)?;
                 self.made.push(([surface, material], compliance.clone()));
                 compliance
             }
@@ -190,7 +190,7 @@ fn check_rigid(body: &RigidBody) -> Checked<()> {
     if !(viscous && driven) {
         return Err(format!("body {:?} with a viscosity or a drive that it cannot have", body.name()));
     }
-    body.drive().map_or(Ok(()), |drive| drive.check().map_err(say))
+    body.drive().map_or(Ok(()), |drive| drive.check().map_err(message))
 }
 
 /// Checks a finger and finds its link poses, which are not stored.

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 /// Fields in which infinity has a meaning: no limit, or not found yet.
 const MAY_BE_INFINITE: [&str; 6] = ["push_out_speed", "rigid_beyond", "max_pull", "max_speed", "x", "holds_for"];
-/// Where a solve has failed for a number that is none, it stays to be looked at; no step reads it.
+/// Where a solve has failed because of a NaN, it stays to be inspected; no step reads it.
 const MAY_BE_NONE: &str = "delta_free";
 /// Fields that hold a unit quaternion.
 const ROTATIONS: [&str; 2] = ["rotation", "faced"];

@@ -160,7 +160,7 @@ impl<'a, V: Visit> Serializer for Walk<'a, V> {
 
     fn serialize_seq(self, length: Option<usize>) -> Result<Self, fmt::Error> {
         self.0.shape("list", 0);
-        // A sequence of unknown length could not be told from a longer one.
+        // A sequence of unknown length could not be distinguished from a longer one.
         self.0.whole(length.ok_or(fmt::Error)? as u64);
         Ok(self)
     }
