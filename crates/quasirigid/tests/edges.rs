@@ -1,5 +1,5 @@
-//! Edges, corners, rims and thin plates: what is pressed on them rests, every contact belongs to one of the faces that meet there, and what slides over them neither snags
-//! nor jumps.
+//! Edges, corners, rims and thin plates: what is pressed on them rests, every contact belongs to one
+//! of the faces that meet there, and what slides over them neither snags nor jumps.
 
 use quasirigid::body::{Amount, MassProperties, Motion, PoseDrive, RigidBody};
 use quasirigid::collider::{ComplianceModel, Material};
@@ -86,7 +86,8 @@ fn a_soft_ball_pressed_on_edges_corners_and_rims_rests_on_the_faces_that_meet_th
             let (drift, spin) = speeds(&mut world, pad, 200);
             let (pressed, off) = (force.norm(), force.angle(&out).to_degrees());
             println!(
-                "{what}: {pressed:.3} N, {off:.1} degrees off, varies by {varies:.1e} N, {drift:.1e} m/s, {spin:.1e} rad/s, normals {turned:.1e} rad off"
+                "{what}: {pressed:.3} N, {off:.1} degrees off, varies by {varies:.1e} N, \
+                 {drift:.1e} m/s, {spin:.1e} rad/s, normals {turned:.1e} rad off"
             );
             assert!(pressed > 0.05, "{what}: {pressed} N");
             assert!(varies < 1e-9 * pressed, "{what}: force varies by {varies:e} N of {pressed} N");
@@ -159,7 +160,8 @@ fn a_ball_that_slides_over_an_edge_neither_snags_nor_jumps_nor_gains_energy() {
             let ComplianceModel::Local { foundation_modulus: k, .. } = material("fingertip_pulp", 0.0).model else { unreachable!() };
             let flat = std::f64::consts::PI * k * BALL * depth * depth;
             println!(
-                "{what}: at most {most:.3} N of {flat:.3} N on the flat, jumps {jump:.3} N, one point carries {share:.3} N, work {work:.1e} J"
+                "{what}: at most {most:.3} N of {flat:.3} N on the flat, jumps {jump:.3} N, \
+                 one point carries {share:.3} N, work {work:.1e} J"
             );
             assert!(most < 1.25 * flat, "{what}: {most} N, {flat} N on the flat");
             assert!(jump < 1.5 * share, "{what}: jumps by {jump} N, one control point carries {share} N");

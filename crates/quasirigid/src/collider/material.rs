@@ -22,8 +22,8 @@ pub enum ComplianceModel {
     },
     /// An elastic half-space (Boussinesq and Cerruti) with the material's Young's modulus and Poisson's ratio.
     HalfSpace,
-    /// A compliance of the user's own over the control points of one surface: a material with it is good for that surface only. The material's Young's modulus,
-    /// Poisson's ratio and layer thickness then have no effect; its relaxation time has.
+    /// A compliance of the user's own over the control points of one surface: a material with it is good for that surface only. The
+    /// material's Young's modulus, Poisson's ratio and layer thickness then have no effect; its relaxation time has.
     Matrix(Arc<ComplianceMatrix>),
 }
 
@@ -246,8 +246,8 @@ impl Material {
     /// Refuses figures that no material has.
     ///
     /// # Errors
-    /// Non-finite numbers; density, E or thickness <= 0; relaxation time < 0; a friction that [`Friction::check`] refuses; nu outside [0, 0.5]; a compliance
-    /// model out of range.
+    /// Non-finite numbers; density, E or thickness <= 0; relaxation time < 0; a friction that
+    /// [`Friction::check`] refuses; nu outside [0, 0.5]; a compliance model out of range.
     pub fn check(&self) -> Result<()> {
         check_positive("density", self.density, "kg/m^3")?;
         self.friction.check()?;

@@ -12,7 +12,8 @@ use crate::surface::{Compliance, LocalCompliance};
 /// Displacements below this are set to zero, m: far below rounding of any position, so nothing is lost but work.
 const FORGOTTEN: Real = 1e-20;
 
-/// Forces that differ by less than this share of the largest are the same to unloaded control points: with a millimetre of displacement it is 1e-12 m off.
+/// Forces that differ by less than this share of the largest are the same to unloaded
+/// control points: with a millimetre of displacement it is 1e-12 m off.
 const SAME_FORCE: Real = 1e-9;
 
 /// Scratch: forces on the control points of one side.
@@ -32,7 +33,8 @@ pub(super) struct Scratch {
     feet: Vec<Vec3>,
 }
 
-/// Updates the elastic displacement of every pair from the solved reactions. Poses must still be those of the start of the step: reactions and frames are.
+/// Updates the elastic displacement of every pair from the solved reactions. Poses must
+/// still be those of the start of the step: reactions and frames are.
 pub(super) fn remember(
     scratch: &mut Scratch,
     pairs: &mut [Pair],
@@ -113,8 +115,8 @@ fn displace_b(
     }
 }
 
-/// A half-space on side `b`: `u <- alpha u + C f` at the feet of the contacts by the rows that the solver saw; and at the control points of `b`,
-/// which show the deformation and keep it where feet move.
+/// A half-space on side `b`: `u <- alpha u + C f` at the feet of the contacts by the rows that the solver saw;
+/// and at the control points of `b`, which show the deformation and keep it where feet move.
 fn displace_feet(
     pair: &mut Pair,
     rows: Option<&ElasticRows>,
@@ -228,7 +230,8 @@ fn displace_local(side: &mut PatchSide, operator: &SideOperator<'_>, local: &Loc
     forget_small(side);
 }
 
-/// Adds `C f` to the displacement of the control points that are not held by the scratch: those that loaded ones reach, and whatever is displaced.
+/// Adds `C f` to the displacement of the control points that are not held by the
+/// scratch: those that loaded ones reach, and whatever is displaced.
 fn displace_unloaded(side: &mut PatchSide, operator: &SideOperator<'_>, scratch: &Scratch) {
     let SideOperator { skin, .. } = operator;
     if side.unloaded.renew(scratch) {

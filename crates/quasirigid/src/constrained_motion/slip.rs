@@ -4,8 +4,8 @@ use crate::contact_problem::ContactProblem;
 use crate::math::Real;
 use crate::pair::{Contact, Pair};
 
-/// Remembers the slip speed of every contact of the pairs whose friction is velocity-weakening. A contact that is near but open counts too: so a control point that comes to
-/// bear under a sliding body has the coefficient of its neighbours at once.
+/// Remembers the slip speed of every contact of the pairs whose friction is velocity-weakening. A contact that is near but open
+/// counts too: so a control point that comes to bear under a sliding body has the coefficient of its neighbours at once.
 pub(super) fn remember(pairs: &mut [Pair], contacts: &[Contact], problem: &ContactProblem, dt: Real) {
     if pairs.iter().all(|pair| pair.slip_speed.is_empty()) {
         return;

@@ -1,10 +1,13 @@
-//! `W_deform = sum over surfaces of H C H^T` of one patch, row by row (design 3.3, paper eqs. 7 to 9 and 13). What `H` and `C` are says [`super::elastic_operator`].
+//! `W_deform = sum over surfaces of H C H^T` of one patch, row by row (design 3.3, paper
+//! eqs. 7 to 9 and 13). What `H` and `C` are says [`super::elastic_operator`].
 //!
-//! `H` is the identity on the side `a` that carries the control points. On side `b` it interpolates from its control points (eq. 8): contact `i` gives
-//! weights `h_ik`, its force goes to them by the same weights, so the compliance between contacts `i` and `j` is `sum_kl h_ik C_kl h_jl`.
+//! `H` is the identity on the side `a` that carries the control points. On side `b` it interpolates from
+//! its control points (eq. 8): contact `i` gives weights `h_ik`, its force goes to them by the same
+//! weights, so the compliance between contacts `i` and `j` is `sum_kl h_ik C_kl h_jl`.
 //!
-//! A half-space on side `b` needs no interpolation, its Green's function holds between any two places: `H` is the identity there too, with the feet of the contacts in
-//! place of control points. Interpolated from the coarser side, `W` would be nearly singular: pressure in jags, and a sphere on a flat 4 % too stiff.
+//! A half-space on side `b` needs no interpolation, its Green's function holds between any two places: `H` is the
+//! identity there too, with the feet of the contacts in place of control points. Interpolated from the coarser
+//! side, `W` would be nearly singular: pressure in jags, and a sphere on a flat 4 % too stiff.
 
 use super::ElasticRows;
 use super::elastic_operator::{Node, Side, SideOperator};
@@ -43,8 +46,8 @@ struct Nodes {
 }
 
 impl Scratch {
-    /// Fills the rows of a patch. `rotation_ab`: rotation from the link of `b` to that of `a`, whose axes are the elastic axes of the patch; `to_link_b`: from the world
-    /// to the link of `b`.
+    /// Fills the rows of a patch. `rotation_ab`: rotation from the link of `b` to that of `a`, whose axes
+    /// are the elastic axes of the patch; `to_link_b`: from the world to the link of `b`.
     pub fn fill_rows(
         &mut self,
         rows: &mut ElasticRows,

@@ -1,13 +1,15 @@
-//! The elastic operator of one side of a patch, written once: the rows that the solver sees ([`super::elastic`]) and the displacement after the solve
-//! ([`crate::constrained_motion`]) are both made of what is here. If they differed, every step would leave the difference behind, and a held object would creep.
+//! The elastic operator of one side of a patch, written once: the rows that the solver sees ([`super::elastic`])
+//! and the displacement after the solve ([`crate::constrained_motion`]) are both made of what is here. If they
+//! differed, every step would leave the difference behind, and a held object would creep.
 //!
 //! ```text
 //!     u = alpha u_previous + C H^T f        displacement of the nodes, m
 //!     delta = H u                           displacement at the contacts, m        W_deform = H C H^T
 //! ```
 //!
-//! `f`: reactions on this side, N; `C = K^-1 (1 - alpha)`: compliance over the step between the nodes, m/N; `H`: contacts from nodes (paper eq. 8). Nodes are control points. A
-//! half-space on side `b` is the exception: its nodes are the feet of the contacts, see [`super::elastic`].
+//! `f`: reactions on this side, N; `C = K^-1 (1 - alpha)`: compliance over the step between the nodes,
+//! m/N; `H`: contacts from nodes (paper eq. 8). Nodes are control points. A half-space on side `b` is
+//! the exception: its nodes are the feet of the contacts, see [`super::elastic`].
 
 use crate::collider::Skin;
 use crate::math::{Mat3, Real, Vec3};
@@ -27,7 +29,8 @@ pub(crate) struct Node {
     pub control_point: usize,
     /// Its entry of `H`, -.
     pub weight: Real,
-    /// Area that its own compliance is for, m^2: that of the contact on `a`, which is larger than the control point's where a traversal stopped early.
+    /// Area that its own compliance is for, m^2: that of the contact on `a`, which is
+    /// larger than the control point's where a traversal stopped early.
     pub area: Real,
 }
 
@@ -65,8 +68,8 @@ impl<'a> SideOperator<'a> {
         })
     }
 
-    /// Row `k` of the static compliance of a local model (m/N): `add` gets control points and entries, `k` itself twice where `area` is not its own.
-    /// The row is the column, too: `C` is symmetric.
+    /// Row `k` of the static compliance of a local model (m/N): `add` gets control points and entries, `k`
+    /// itself twice where `area` is not its own. The row is the column, too: `C` is symmetric.
     #[inline]
     pub fn local_row(&self, local: &LocalCompliance, k: usize, area: Real, mut add: impl FnMut(usize, Real)) {
         for e in local.neighbours.range(k) {

@@ -7,14 +7,17 @@ use crate::pair::{Contact, Pair};
 
 /// Gap and slip of one contact after the free motion, in its friction axes `axes`, m.
 ///
-/// Design 3.3, with everything seen from the start of the step (`d_a - d_b`: displacement of the two material points against each other by free and prescribed motion, [`Pair::free_displacement`];
-/// `u`: elastic displacement, of which `alpha u` is left after the step without force; `e` = the contact's friction axes, [`super::friction_axes`]):
+/// Design 3.3, with everything seen from the start of the step (`d_a - d_b`: displacement of the two
+/// material points against each other by free and prescribed motion, [`Pair::free_displacement`];
+/// `u`: elastic displacement, of which `alpha u` is left after the step without
+/// force; `e` = the contact's friction axes, [`super::friction_axes`]):
 ///
 /// ```text
 /// delta_free = gap n + e^T [ d_a - d_b + (alpha_a - 1) u_a - (alpha_b - 1) u_b ]
 /// ```
 ///
-/// `gap` is cut where it is an overlap: see [`Contact::solved_gap`]. It already holds `u_a - u_b`: so the normal row is absolute, the tangential rows are increments of the step.
+/// `gap` is cut where it is an overlap: see [`Contact::solved_gap`]. It already holds `u_a - u_b`:
+/// so the normal row is absolute, the tangential rows are increments of the step.
 pub(super) fn delta_free(contact: &Contact, axes: &Mat3, pair: &Pair, objects: &Objects, free: &[FreeMotion], dt: Real) -> Vec3 {
     let [a, b] = pair.sides(objects);
     let relative = pair.free_displacement(objects, free, &contact.point);

@@ -1,6 +1,7 @@
 //! Stage 3: `delta = W f + delta_free` for the contacts found (design 3.3).
 //!
-//! `W = W_rigid + W_deform` is filled in its matrix-free form; [`ContactProblem::assembled`] gives the matrix for tests, export and users' own problems.
+//! `W = W_rigid + W_deform` is filled in its matrix-free form; [`ContactProblem::assembled`]
+//! gives the matrix for tests, export and users' own problems.
 
 mod elastic;
 mod elastic_operator;
@@ -41,7 +42,8 @@ pub struct ContactProblem {
     pub unfinished: Real,
     /// Open, stick or slip, as the solver left it.
     pub status: Vec<ContactStatus>,
-    /// Contacts that had to be left out because their block of `W` was not positive definite (neither body can move there and neither surface deforms).
+    /// Contacts that had to be left out because their block of `W` was not positive
+    /// definite (neither body can move there and neither surface deforms).
     pub ill_posed: usize,
     /// Time to fill the rigid part and `delta_free`.
     pub rigid_time: Duration,
@@ -88,8 +90,8 @@ struct RigidRows {
 }
 
 impl ContactProblem {
-    /// `delta_free` (m) and unknowns (N) of the problem that is left when viscous drag is taken for a load: a plain Coulomb problem with the same `W` and `mu`, and the same
-    /// displacements. For export; without drag these are those of the step.
+    /// `delta_free` (m) and unknowns (N) of the problem that is left when viscous drag is taken for a load: a plain Coulomb problem
+    /// with the same `W` and `mu`, and the same displacements. For export; without drag these are those of the step.
     pub fn coulomb_part(&self) -> (Vec<Vec3>, Vec<Vec3>) {
         let (mut delta_free, mut unknowns) = (self.delta_free.clone(), self.unknowns.clone());
         let dragged = |i: &usize| self.w.diagonal_block(*i).drag() > 0.0;
@@ -104,7 +106,8 @@ impl ContactProblem {
         (delta_free, unknowns)
     }
 
-    /// Takes over the solution, for contacts in the order of the problem. `residual`: what the solver left if it did not get to its tolerance, else 0.
+    /// Takes over the solution, for contacts in the order of the problem. `residual`:
+    /// what the solver left if it did not get to its tolerance, else 0.
     pub(crate) fn take_solution(&mut self, contacts: &[Contact], residual: Real) {
         self.unfinished = residual;
         self.reactions.clear();
@@ -117,7 +120,8 @@ impl ContactProblem {
         Some(&self.elastic_rows[found])
     }
 
-    /// Slip of contact `i` over the step, m: the tangential displacement of the two material points against each other. Exactly 0 where it sticks.
+    /// Slip of contact `i` over the step, m: the tangential displacement of the two
+    /// material points against each other. Exactly 0 where it sticks.
     pub fn slip(&self, i: usize, contact: &Contact) -> Real {
         if self.status[i] == ContactStatus::Stick {
             return 0.0;
@@ -297,7 +301,8 @@ fn refresh_elastic_rows(out: &mut ContactProblem, contacts: &[Contact], pairs: &
     }
     same &= out.held.len() == patches;
     out.held.truncate(patches);
-    // Rows of a pair that has lost touch are not those of the contacts that it may find later; their memory is kept for as long as the pair is.
+    // Rows of a pair that has lost touch are not those of the contacts that it may
+    // find later; their memory is kept for as long as the pair is.
     kept.retain_mut(|rows| {
         if !rows.in_touch {
             rows.forget();
@@ -317,15 +322,17 @@ pub(crate) fn retain_by_index<T>(list: &mut Vec<T>, keep: impl Fn(usize) -> bool
     });
 }
 
-/// `frame D`, `D = diag(1, 1, mu_2/mu_1)`: the axes in which friction is a circle of `mu_1`, whatever its directions. With unknowns `D^-1 f` and displacements `D delta` the work
-/// of a force is what it was, and the solver knows one coefficient for each contact: see `docs/friction.md`. The contact frame itself where friction is isotropic.
+/// `frame D`, `D = diag(1, 1, mu_2/mu_1)`: the axes in which friction is a circle of `mu_1`, whatever its directions. With
+/// unknowns `D^-1 f` and displacements `D delta` the work of a force is what it was, and the solver knows one coefficient
+/// for each contact: see `docs/friction.md`. The contact frame itself where friction is isotropic.
 fn friction_axes(contact: &Contact) -> Mat3 {
     let mut axes = contact.frame;
     axes.column_mut(2).scale_mut(contact.friction_ratio);
     axes
 }
 
-/// `J S` of one body at one contact, in its friction axes: its part of `W_rigid` is `(J S)(J S)^T` as `A^-1 = S S^T`. The sign makes relative displacement a - b.
+/// `J S` of one body at one contact, in its friction axes: its part of `W_rigid` is `(J S)(J S)^T`
+/// as `A^-1 = S S^T`. The sign makes relative displacement a - b.
 fn rigid_rows(contact: &Contact, axes: &Mat3, side: Side<'_>, free: &[FreeMotion], sign: Real) -> (u32, Mat3x6) {
     let body = side.collider.body;
     let free = &free[body as usize];

@@ -1,4 +1,5 @@
-//! Elastic rows of one patch, kept from step to step while its contacts stay the same: the paper expects "substantial speedups by reusing parts of the computation".
+//! Elastic rows of one patch, kept from step to step while its contacts stay the same: the
+//! paper expects "substantial speedups by reusing parts of the computation".
 
 use crate::delassus::MatrixFree;
 use crate::math::{Mat3, Real};
@@ -35,7 +36,8 @@ pub struct ElasticRows {
     pub(super) ends: Vec<u32>,
     pub(super) columns: Vec<u32>,
     pub(super) values: Vec<Real>,
-    /// Tensors of either side, all rows of all contacts, dense, in the axes of the link of `a`; empty for a side that is isotropic or rigid.
+    /// Tensors of either side, all rows of all contacts, dense, in the axes of the
+    /// link of `a`; empty for a side that is isotropic or rigid.
     pub(super) tensors: [Vec<Mat3>; 2],
     /// Changes whenever the rows are filled again.
     #[serde(skip)]
@@ -48,7 +50,8 @@ impl ElasticRows {
         Self { origin, ..Self::default() }
     }
 
-    /// Whether the rows are those of `patch`: of the same origin, the same control points with the same projections and areas, the same shares of the static compliance.
+    /// Whether the rows are those of `patch`: of the same origin, the same control points with
+    /// the same projections and areas, the same shares of the static compliance.
     pub(super) fn hold_for(&self, origin: &Origin, patch: &[Contact], rotation_ab: &Mat3, shares: [Real; 2]) -> bool {
         let same = |(contact, kept): (&Contact, &(u32, Real))| !contact.projected && (contact.control_point, contact.area) == *kept;
         self.origin == *origin
@@ -102,8 +105,8 @@ impl ElasticRows {
         &self.rotation_ab
     }
 
-    /// Row `i` of the compliance over the step of side `a` (0) or `b` (1) between the contacts of the patch, in the axes of the link of `a`, m/N; `None` if that side
-    /// is isotropic or rigid.
+    /// Row `i` of the compliance over the step of side `a` (0) or `b` (1) between the contacts of the
+    /// patch, in the axes of the link of `a`, m/N; `None` if that side is isotropic or rigid.
     pub fn tensor_row(&self, side: usize, i: usize) -> Option<&[Mat3]> {
         let count = self.contacts.len();
         self.tensors[side].get(i * count..(i + 1) * count).filter(|row| !row.is_empty())

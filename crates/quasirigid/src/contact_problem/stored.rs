@@ -1,5 +1,5 @@
-//! What is stored of a contact problem: what may be read of the last step, and the elastic rows that hold. The rows that the operator has in common with the next step are
-//! handed to it again, with the same bits.
+//! What is stored of a contact problem: what may be read of the last step, and the elastic rows that hold. The rows
+//! that the operator has in common with the next step are handed to it again, with the same bits.
 
 use super::{ContactProblem, ElasticRows};
 use crate::delassus::{ContactStatus, MatrixFree};
@@ -44,7 +44,8 @@ impl ContactProblem {
         self.elastic_rows.iter().filter(|rows| rows.hold_any())
     }
 
-    /// The problem that was stored, refused if it has another number of `contacts` or its parts do not fit together. `is_pair`: whether two bodies are a pair.
+    /// The problem that was stored, refused if it has another number of `contacts` or its
+    /// parts do not fit together. `is_pair`: whether two bodies are a pair.
     pub(crate) fn of_stored(stored: StoredProblem, contacts: usize, is_pair: impl Fn((u32, u32)) -> bool) -> Result<Self, String> {
         let lengths = [stored.delta_free.len(), stored.mu.len(), stored.unknowns.len(), stored.reactions.len(), stored.status.len()];
         if lengths != [contacts; 5] {

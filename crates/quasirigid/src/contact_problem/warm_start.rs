@@ -17,7 +17,8 @@ impl ReactionHistory {
         if last.x + trend.x > 0.0 { last + trend } else { last }
     }
 
-    /// Takes in the reactions that were found for the contacts of a patch. `loaded_before` is scratch; `least_trend`: relative change below which the patch is at rest.
+    /// Takes in the reactions that were found for the contacts of a patch. `loaded_before` is
+    /// scratch; `least_trend`: relative change below which the patch is at rest.
     fn remember(&mut self, loaded_before: &mut Vec<u32>, patch: &[Contact], reactions: &[Vec3], least_trend: Real) {
         let Self { last, trend, change, loaded } = self;
         // Meanwhile the trend holds the last reactions.
@@ -34,7 +35,8 @@ impl ReactionHistory {
                 last[c] = *f;
                 loaded.push(contact.control_point);
                 if before != Vec3::zeros() {
-                    // Along a parabola through the last three, where there are three: smooth motion then starts the solver fifty times nearer than along a line.
+                    // Along a parabola through the last three, where there are three: smooth motion
+                    // then starts the solver fifty times nearer than along a line.
                     let change_before = std::mem::replace(&mut change[c], f - before);
                     trend[c] = if change_before == Vec3::zeros() { change[c] } else { change[c] * 2.0 - change_before };
                     sum_force += f.norm_squared();

@@ -57,7 +57,8 @@ const LEAST_SWEEPS_OUT_OF_TIME: u32 = 4;
 /// Sweeps that may be spent on that once the residual is within the tolerance.
 const REFINEMENT: u32 = 8;
 
-/// Where something rests, sweeps that have been spent on it and have not come below this share of the tolerance converge too slowly: Newton steps follow.
+/// Where something rests, sweeps that have been spent on it and have not come below
+/// this share of the tolerance converge too slowly: Newton steps follow.
 const SETTLED: Real = 0.01;
 
 /// A first sweep that changes the reactions by less than this share has nothing to improve on: a creep of 1e-14 m/s at most.

@@ -27,8 +27,8 @@ pub struct Contact {
     pub control_point: u32,
     /// Where it is: the deformed control point, world, m. Reactions act here on both bodies.
     pub point: Vec3,
-    /// Columns (normal, tangent1, tangent2), world: orthonormal, right-handed. The normal is the outward normal of `b`: from `b` to `a`. tangent1 lies along the direction of
-    /// anisotropic friction, where there is one.
+    /// Columns (normal, tangent1, tangent2), world: orthonormal, right-handed. The normal is the outward normal of `b`:
+    /// from `b` to `a`. tangent1 lies along the direction of anisotropic friction, where there is one.
     pub frame: Mat3,
     /// `mu_2/mu_1`: friction coefficient along tangent2 over that along tangent1 (-); 1 where friction is isotropic.
     pub friction_ratio: Real,
@@ -59,7 +59,8 @@ impl Contact {
     }
 }
 
-/// The contacts of each of `pairs` pairs, one after the other, as a range of `contacts`, which are ordered by pair; empty for a pair that is out of touch.
+/// The contacts of each of `pairs` pairs, one after the other, as a range of
+/// `contacts`, which are ordered by pair; empty for a pair that is out of touch.
 pub(crate) fn patches(contacts: &[Contact], pairs: usize) -> impl Iterator<Item = Range<usize>> {
     let mut end = 0;
     (0..pairs).map(move |pair| {

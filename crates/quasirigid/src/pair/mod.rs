@@ -42,12 +42,14 @@ pub struct Pair {
     pub side_b: PatchSide,
     /// Whether `b` is so much stiffer than `a` that it counts as rigid here, see [`Parameters::rigid_beyond`].
     pub rigid_b: bool,
-    /// Displacement of `b` under each control point of `a`, less what `side_b` gives there by interpolation, frame of the link of `b`. Only where `b` is a half-space: its
-    /// Green's function holds at the feet of the contacts themselves, and the control points of `b`, the coarser side, cannot represent what is narrower than their spacing.
+    /// Displacement of `b` under each control point of `a`, less what `side_b` gives there by interpolation, frame of the
+    /// link of `b`. Only where `b` is a half-space: its Green's function holds at the feet of the contacts themselves, and
+    /// the control points of `b`, the coarser side, cannot represent what is narrower than their spacing.
     pub fine_b: PatchSide,
     /// Friction between the two.
     pub friction: PairFriction,
-    /// Slip speed of each control point of `a` at the end of the last step, m/s: 0 where it stuck or was not near. Empty unless friction is velocity-weakening.
+    /// Slip speed of each control point of `a` at the end of the last step, m/s: 0 where it
+    /// stuck or was not near. Empty unless friction is velocity-weakening.
     pub slip_speed: Vec<Real>,
 }
 
@@ -104,14 +106,16 @@ impl Pair {
         self.fine_b.displacement[control_point] + weights.iter().map(|(c, w)| self.side_b.displacement[c] * w).sum::<Vec3>()
     }
 
-    /// Displacement of `a` against `b` (m, world) in this step at a point of both, before contact forces: free and prescribed motion, see [`RelativeMotion`]. Affine in the point.
+    /// Displacement of `a` against `b` (m, world) in this step at a point of both, before contact
+    /// forces: free and prescribed motion, see [`RelativeMotion`]. Affine in the point.
     pub(crate) fn free_displacement(&self, objects: &Objects, free: &[FreeMotion], point: &Vec3) -> Vec3 {
         let [a, b] = self.sides(objects).map(|side| unexpected_displacement(side, &free[side.collider.body as usize], point));
         a - b + self.relative_motion.displacement(point)
     }
 
-    /// The compliance of one of the two is another from now on; the displacements stay, but those of a `b` that counts as rigid. Returns whether `b` counts as rigid now where
-    /// it did not before, or the other way round: feet on a rigid `b` have no weights, so projections found before no longer serve.
+    /// The compliance of one of the two is another from now on; the displacements stay, but those of a `b` that
+    /// counts as rigid. Returns whether `b` counts as rigid now where it did not before, or the other way round:
+    /// feet on a rigid `b` have no weights, so projections found before no longer serve.
     pub(crate) fn compliance_changed(&mut self, rigid_b: bool) -> bool {
         if rigid_b {
             self.side_b.clear();

@@ -1,9 +1,11 @@
-//! The motion that two bodies are expected to make in a step, with its full rotation: the linear equations hold only the deviations from it.
+//! The motion that two bodies are expected to make in a step, with its full
+//! rotation: the linear equations hold only the deviations from it.
 //!
-//! A body that rotates by `theta` in a step moves its points by `theta x r` to first order, but along an arc. Taken to first order about a place of its own, such as
-//! the palm of a hand, each of two bodies that rotate together would end `theta^2 r / 2` from where the equations have it, each by another `r`; tangential rows are
-//! increments, so nothing corrects it, and what is held would leave the hand in every step. So the displacement of the two against each other is linearised about the
-//! motion that they are expected to make.
+//! A body that rotates by `theta` in a step moves its points by `theta x r` to first order, but along an arc. Taken
+//! to first order about a place of its own, such as the palm of a hand, each of two bodies that rotate together
+//! would end `theta^2 r / 2` from where the equations have it, each by another `r`; tangential rows are increments,
+//! so nothing corrects it, and what is held would leave the hand in every step. So the displacement of the two
+//! against each other is linearised about the motion that they are expected to make.
 
 use crate::free_motion::Expected;
 use crate::math::{Mat3, Pose, Real, Vec3, skew};
@@ -44,15 +46,17 @@ impl RelativeMotion {
 
     /// Finds it for the step under way, of `dt` (s).
     ///
-    /// Let `l` be the body that leads and `f` the other, `P` the motion that `l` is expected to make (`P(p) = p + s + (R - 1)(p - o)`, R the rotation by theta), c the centre of
-    /// mass of `f`, and `w(p) = rho + (exp(phi) - 1) (p - c)` the displacement of `f` against `l`, in the axes that `l` has at the start of the step; rho and phi are taken to go
-    /// on as in the last two steps. Then `f` is expected to move by
+    /// Let `l` be the body that leads and `f` the other, `P` the motion that `l` is expected to make (`P(p) = p + s + (R - 1)(p - o)`,
+    /// R the rotation by theta), c the centre of mass of `f`, and `w(p) = rho + (exp(phi) - 1) (p - c)` the displacement of `f`
+    /// against `l`, in the axes that `l` has at the start of the step; rho and phi are taken to go on as in the last two steps. Then
+    /// `f` is expected to move by
     ///
     /// ```text
     ///     dc = P(c) - c + R rho          theta_f = theta + H phi          H = R^(1/2), as exp(theta + H phi) = R exp(phi) + O(phi^2)
     /// ```
     ///
-    /// and their relative displacement is, with x the free motion of each, x_e what was expected of it, and J taken at the start of the step:
+    /// and their relative displacement is, with x the free motion of each, x_e
+    /// what was expected of it, and J taken at the start of the step:
     ///
     /// ```text
     ///     d_l - d_f = -w(p) + J_l (x_l - x_e,l) - J_f (x_f - x_e,f)
@@ -60,7 +64,8 @@ impl RelativeMotion {
     ///                 + (theta + H phi) x (p - c) - (exp(phi) - 1) (p - c)
     /// ```
     ///
-    /// If `l` is free itself (o: its centre) then J_l x_e,l takes `s + theta x (p - o)` off again. If both lead, each has its own P. Where the leading body is not expected to rotate, all of this is the motion to first order.
+    /// If `l` is free itself (o: its centre) then J_l x_e,l takes `s + theta x (p - o)` off again. If both lead, each has
+    /// its own P. Where the leading body is not expected to rotate, all of this is the motion to first order.
     pub(crate) fn renew(&mut self, sides: [Side<'_>; 2], dt: Real) {
         let [pose_a, pose_b] = sides.map(|side| side.pose());
         let now = pose_a.inverse() * pose_b;
@@ -262,7 +267,8 @@ mod tests {
             prop_assert!(slip < 100.0 * ROUNDING, "slip {slip:e} m");
         }
 
-        /// A free body goes on against a moved one as in the last two steps: what is left is just that, `w(p) = rho + (exp(phi) - 1)(p - c)`, on the arc.
+        /// A free body goes on against a moved one as in the last two steps: what is left
+        /// is just that, `w(p) = rho + (exp(phi) - 1)(p - c)`, on the arc.
         #[test]
         fn a_body_that_goes_on_rolling_slips_by_what_it_rolls(
             a in pose(), b in pose(), shift in vector(0.05), theta in vector(1.0), rho in vector(0.02), phi in vector(0.04),

@@ -18,16 +18,17 @@ pub const MAX_WEIGHTS: usize = 16;
 /// How near to the surface control points are placed, over the bandwidth of its weights.
 const ON_SURFACE: Real = 1e-8;
 
-/// Width of the window of [`inverse_distances`], control spacings, and where it is cut, widths. Narrower leaves a lattice's own ripple in it, wider asks
-/// for patches of more control points: with 2, a Hertz contact of 50 control points is within 1 %, one of 160 within 0.2 %.
+/// Width of the window of [`inverse_distances`], control spacings, and where it is cut, widths.
+/// Narrower leaves a lattice's own ripple in it, wider asks for patches of more control points: with
+/// 2, a Hertz contact of 50 control points is within 1 %, one of 160 within 0.2 %.
 const OWN_WINDOW: Real = 2.0;
 const OWN_WINDOW_CUT: Real = 3.0;
 /// Lattice sum without window less that with it, spacing 1: 3.90026 - 3.84209.
 const OWN_WINDOW_BIAS: Real = 0.05817;
 /// Share of the window that must be covered.
 const LEAST_COVER: Real = 0.85;
-/// Own term of a regular grid over that of a disc of the same area (square 1.1002, hexagonal 1.1061), and the bounds within which uneven points may take it:
-/// below them the compliance could lose its positive definiteness.
+/// Own term of a regular grid over that of a disc of the same area (square 1.1002, hexagonal 1.1061), and the bounds
+/// within which uneven points may take it: below them the compliance could lose its positive definiteness.
 const GRID_OVER_DISC: Real = 1.1;
 const LEAST_OVER_DISC: Real = 0.8;
 const MOST_OVER_DISC: Real = 1.4;
@@ -43,8 +44,8 @@ pub struct ControlPoints {
     pub tangents: Vec<Vec3>,
     /// Area `A_c` that each stands for, m^2: the areas of its leaf's points, so that they add up to the surface's area.
     pub areas: Vec<Real>,
-    /// Mean of `1/r` over the area of each, as seen from its control point, 1/m: what a half-space's singular Green's function weighs its own
-    /// load by, see [`inverse_distances`].
+    /// Mean of `1/r` over the area of each, as seen from its control point, 1/m: what a half-space's
+    /// singular Green's function weighs its own load by, see [`inverse_distances`].
     pub inverse_distances: Vec<Real>,
     /// Mean spacing, sqrt(total area / count), m: the bandwidth of the interpolation of eq. 8.
     pub spacing: Real,
@@ -139,7 +140,8 @@ impl ControlPoints {
                 .points()
                 .min_by(|&a, &b| (points[a] - node.center).norm_squared().total_cmp(&(points[b] - node.center).norm_squared()))
                 .unwrap_or(node.first_point as usize);
-            // Only points whose normals are like those of this leaf decide where its surface is: the other side of a thin plate is near, too.
+            // Only points whose normals are like those of this leaf decide where its
+            // surface is: the other side of a thin plate is near, too.
             let facing = -normals[nearest];
             project(&node.center, &Cloud { points, normals, ranges, kernel, facing: Some(&facing) }, tolerance, 20)
                 .map_or((points[nearest], normals[nearest]), |p| (p.point, p.normal))
@@ -169,8 +171,8 @@ impl ControlPoints {
 
     /// Gaussian weights of the control points around `x`, out of `candidates`; all on `home` when none is near.
     ///
-    /// `theta(r) = exp(-r^2/h^2) - exp(-4)`, cut at `r = 2 h` with `h` 0.8 control spacings (eq. 8; about 8 control points), times the agreement of the normals,
-    /// so that a face does not pull at the face around the edge.
+    /// `theta(r) = exp(-r^2/h^2) - exp(-4)`, cut at `r = 2 h` with `h` 0.8 control spacings (eq. 8; about 8 control
+    /// points), times the agreement of the normals, so that a face does not pull at the face around the edge.
     pub fn weights(&self, x: &Vec3, normal: &Vec3, home: u32, candidates: &[u32]) -> Weights {
         let h2 = 0.64 * self.spacing * self.spacing;
         let floor = Lane::splat((-4.0_f64).exp());
@@ -205,16 +207,18 @@ impl ControlPoints {
 
 /// Mean of `1/r` over the area of each control point, as seen from it, 1/m.
 ///
-/// The displacement of a half-space under a pressure is its integral against `1/r`. Summed over points, `f_j / r_ij`, it is wrong near `i`: by what the neighbours'
-/// areas are larger than points, and by how unevenly they lie. The own term takes that error on itself (a quadrature corrected locally), so that
-/// with areas A and a window `w(r) = exp(-r^2/s^2)` a uniform pressure sinks in uniformly:
+/// The displacement of a half-space under a pressure is its integral against `1/r`. Summed over points, `f_j / r_ij`, it
+/// is wrong near `i`: by what the neighbours' areas are larger than points, and by how unevenly they lie. The own term
+/// takes that error on itself (a quadrature corrected locally), so that with areas A and a window `w(r) = exp(-r^2/s^2)`
+/// a uniform pressure sinks in uniformly:
 ///
 /// ```text
 /// m_i A_i = integral w(r)/r dA - sum_(j != i) A_j w(r_ij) / r_ij + b sqrt(A_i),      integral w(r)/r dA = pi^(3/2) s
 /// ```
 ///
-/// b is what the curvature of the window costs on a square grid, so that there m_i is that of the infinite lattice: 1.10 times the `2/a` of a disc of the same area. Where the window is not covered, at the border of an open surface or at an edge,
-/// there is nothing to sum over and that value is taken.
+/// b is what the curvature of the window costs on a square grid, so that there m_i is that of the infinite
+/// lattice: 1.10 times the `2/a` of a disc of the same area. Where the window is not covered, at the border of
+/// an open surface or at an edge, there is nothing to sum over and that value is taken.
 pub(crate) fn inverse_distances(points: &[Vec3], normals: &[Vec3], areas: &[Real], spacing: Real) -> Vec<Real> {
     let s = OWN_WINDOW * spacing;
     let grid = NeighbourGrid::build(points, OWN_WINDOW_CUT * s);

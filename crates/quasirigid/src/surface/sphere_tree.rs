@@ -103,7 +103,8 @@ impl SphereTree {
                 nodes.push(Node::unplaced(start, count, first_leaf + left_leaves, quota - left_leaves, index as u32, depth));
             }
         }
-        // Sums from the leaves up; the radius needs every point again: bounding the points themselves is tighter than bounding the children's spheres.
+        // Sums from the leaves up; the radius needs every point again: bounding the
+        // points themselves is tighter than bounding the children's spheres.
         nodes.par_iter_mut().with_min_len(64).filter(|node| node.children.is_none()).for_each(|node| {
             for &i in &order[node.points()] {
                 let (i, area) = (i as usize, areas[i as usize]);

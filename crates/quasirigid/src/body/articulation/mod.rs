@@ -260,7 +260,8 @@ impl Finger {
     /// Force (N, world) with which the point of `link` at `point` (m, world) would press on something that holds it
     /// where it is, if the controllers had the targets `q` (rad): without damping, weight and torque limits.
     ///
-    /// The joints are displaced by dq so that J dq = 0 under the reaction -F (K: stiffness of the joints, e: their distance to the targets):
+    /// The joints are displaced by dq so that J dq = 0 under the reaction -F (K:
+    /// stiffness of the joints, e: their distance to the targets):
     ///
     /// ```text
     ///     K (e - dq) = J^T F      so      F = (J K^-1 J^T)^-1 J e

@@ -1,5 +1,5 @@
-//! A compliance that the user brings: any symmetric positive semidefinite matrix over the control points of one surface, such as a finite-element model
-//! condensed to its surface.
+//! A compliance that the user brings: any symmetric positive semidefinite matrix over the control
+//! points of one surface, such as a finite-element model condensed to its surface.
 
 use crate::error::{Error, Result, check_finite};
 use crate::math::{Mat3, Real, Vec3};
@@ -13,10 +13,12 @@ use std::fmt;
 /// Largest `|C_ij - C_ji|` that is taken for rounding, over the largest entry. A condensation in double precision stays below 1e-10.
 const ROUNDING: Real = 1e-8;
 
-/// An eigenvalue may be this much below zero, over the largest entry, before the matrix is refused: singular ones come out of rounding on either side of zero.
+/// An eigenvalue may be this much below zero, over the largest entry, before the matrix
+/// is refused: singular ones come out of rounding on either side of zero.
 const BELOW_ZERO: Real = 1e-9;
 
-/// `K^-1` of a surface, m/N: displacement of each control point under a unit force at each, in the frame of the body. Checked when it is made, then constant.
+/// `K^-1` of a surface, m/N: displacement of each control point under a unit force at
+/// each, in the frame of the body. Checked when it is made, then constant.
 #[derive(Clone, Serialize, Deserialize)]
 #[serde(try_from = "Unchecked")]
 pub struct ComplianceMatrix {
@@ -61,15 +63,16 @@ impl TryFrom<Unchecked> for ComplianceMatrix {
 }
 
 impl ComplianceMatrix {
-    /// Checks `matrix` (3n x 3n, m/N): row and column `3 i + k` are axis `k` (x, y, z of the body's frame) of control point `i`, in the order of
-    /// [`ControlPoints`].
+    /// Checks `matrix` (3n x 3n, m/N): row and column `3 i + k` are axis `k` (x, y, z of the
+    /// body's frame) of control point `i`, in the order of [`ControlPoints`].
     ///
-    /// Kept is the symmetric part `(C + C^T)/2`, which differs from what was given by rounding only: see [`ComplianceMatrix::asymmetry`]. Positive semidefinite means
-    /// that a Cholesky factorisation of `C + 1e-9 c I` exists, `c` being the largest entry: about two seconds for 1,000 control points.
+    /// Kept is the symmetric part `(C + C^T)/2`, which differs from what was given by rounding only: see
+    /// [`ComplianceMatrix::asymmetry`]. Positive semidefinite means that a Cholesky factorisation of `C + 1e-9 c I`
+    /// exists, `c` being the largest entry: about two seconds for 1,000 control points.
     ///
     /// # Errors
-    /// [`Error::InvalidShape`] for a matrix that is not 3n x 3n; [`Error::InvalidValue`] for an entry that is not finite, an asymmetry above 1e-8 of the largest entry,
-    /// an eigenvalue below zero. The message says what was found.
+    /// [`Error::InvalidShape`] for a matrix that is not 3n x 3n; [`Error::InvalidValue`] for an entry that is not finite, an
+    /// asymmetry above 1e-8 of the largest entry, an eigenvalue below zero. The message says what was found.
     pub fn new(matrix: &DMatrix<Real>) -> Result<Self> {
         let what = "compliance matrix";
         let (rows, columns) = matrix.shape();
@@ -154,8 +157,8 @@ impl ComplianceMatrix {
         ))
     }
 
-    /// Own block of control point `i` when it stands for `area`, that of a node above it (a traversal stopped early): the mean over the node, whose force is then
-    /// spread over the control points below it.
+    /// Own block of control point `i` when it stands for `area`, that of a node above it (a traversal stopped
+    /// early): the mean over the node, whose force is then spread over the control points below it.
     pub fn self_block(&self, tree: &SphereTree, i: usize, area: Real) -> Mat3 {
         let mut node = tree.leaf(i);
         while node.area < area && node.level > 0 {

@@ -1,8 +1,9 @@
 //! Compliance of a surface between its control points: the displacement of point `i` under a force at point `j` (design 3.3).
 //!
-//! Two models and a user's own matrix. All are symmetric positive semidefinite, constant in the body's frame, and hold the *static* compliance `K^-1` (m/N).
-//! Damping proportional to stiffness, `D = tau K`, makes the compliance over one step `C = (K + D/dt)^-1 = K^-1 (1 - alpha)` with
-//! `alpha = tau/(tau + dt)`, and the elastic displacement that would be left without force `u_free = alpha u_previous`.
+//! Two models and a user's own matrix. All are symmetric positive semidefinite, constant in the body's frame,
+//! and hold the *static* compliance `K^-1` (m/N). Damping proportional to stiffness, `D = tau K`, makes the
+//! compliance over one step `C = (K + D/dt)^-1 = K^-1 (1 - alpha)` with `alpha = tau/(tau + dt)`, and the
+//! elastic displacement that would be left without force `u_free = alpha u_previous`.
 
 pub mod matrix;
 
@@ -65,7 +66,8 @@ impl Compliance {
         }
     }
 
-    /// The whole static compliance as a matrix (3n x 3n, m/N), ordered as [`ComplianceMatrix`] has it: to look at, or to change and bring back.
+    /// The whole static compliance as a matrix (3n x 3n, m/N), ordered as
+    /// [`ComplianceMatrix`] has it: to look at, or to change and bring back.
     pub fn assembled(&self, control: &ControlPoints) -> DMatrix<Real> {
         let n = control.len();
         let block = |i: usize, j: usize| match self {
@@ -163,18 +165,18 @@ impl HalfSpaceCompliance {
 
     /// Displacement at control point `i` for a unit force at `j`, body axes, m/N.
     ///
-    /// Boussinesq for the normal and Cerruti for the tangential load (Johnson, *Contact Mechanics*, eqs. 3.18, 3.19 and 3.75), with the load at
-    /// distance r in direction e (from load to observer, in the tangent plane) and outward normal n:
+    /// Boussinesq for the normal and Cerruti for the tangential load (Johnson, *Contact Mechanics*, eqs. 3.18, 3.19 and 3.75),
+    /// with the load at distance r in direction e (from load to observer, in the tangent plane) and outward normal n:
     ///
     /// ```text
     /// C_ij = 1/(2 pi G r) [ (1 - nu) I + nu e e^T + (1 - 2 nu)/2 (e n^T - n e^T) ]
     /// C_ii = m_i/(2 pi G) [ (1 - nu) n n^T + (1 - nu/2) (I - n n^T) ]
     /// ```
     ///
-    /// m_i is the mean of 1/r over the control point's own area, and half of it that of x^2/r^3, as all directions are alike; a disc of radius a has m = 2/a. It is
-    /// chosen to make the sum over unevenly placed points right: [`ControlPoints::inverse_distances`]. n is the mean of
-    /// the two normals: the half-space is the plane that the pair shares. The factor (1 + n_i . n_j)/2 uncouples the two sides
-    /// of a body, which are not on one half-space; it is 1 within a flat patch.
+    /// m_i is the mean of 1/r over the control point's own area, and half of it that of x^2/r^3, as all directions are alike; a disc
+    /// of radius a has m = 2/a. It is chosen to make the sum over unevenly placed points right:
+    /// [`ControlPoints::inverse_distances`]. n is the mean of the two normals: the half-space is the plane that the pair shares. The
+    /// factor (1 + n_i . n_j)/2 uncouples the two sides of a body, which are not on one half-space; it is 1 within a flat patch.
     pub fn block(&self, control: &ControlPoints, i: usize, j: usize) -> Mat3 {
         if i == j {
             return self.self_block(&control.normals[i], control.inverse_distances[i]);

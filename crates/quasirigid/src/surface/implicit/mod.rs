@@ -45,8 +45,8 @@ const FAR_STEPS: usize = 4;
 
 /// Two surfaces face each other when the product of their outward normals is below this: less than about 75 degrees from opposed.
 ///
-/// Not 0: where a box stands near the edge of a table the side of the table is at right angles to the box's face, and a turn of 1e-5 rad would make it
-/// face the box; the contact would then jump between the two faces from step to step.
+/// Not 0: where a box stands near the edge of a table the side of the table is at right angles to the box's face, and a turn
+/// of 1e-5 rad would make it face the box; the contact would then jump between the two faces from step to step.
 pub const FACES: Real = -0.25;
 
 /// Where a position lands on the surface.
@@ -79,8 +79,8 @@ pub struct Cloud<'a> {
     pub facing: Option<&'a Vec3>,
 }
 
-/// Signed distance (m, positive outside) and unit normal of the surface at `x` (m, frame of the points). `None` if under 3 points within the cutoff agree with
-/// the reference, or they make no plane.
+/// Signed distance (m, positive outside) and unit normal of the surface at `x` (m, frame of the points).
+/// `None` if under 3 points within the cutoff agree with the reference, or they make no plane.
 ///
 /// Error of the zero set on a sphere of radius R with `Kernel::for_spacing(s)`, worst of 2,000 positions, in spacings:
 ///
@@ -95,9 +95,10 @@ pub fn evaluate(x: &Vec3, cloud: &Cloud) -> Option<(Real, Vec3)> {
     Some((fit.distance(), fit.normal))
 }
 
-/// Projects `x` (m, frame of the points) on the surface: repeats `x <- x - n d(x)` until `|d| < tolerance` (m; predicted from the last two), with `d` and `n` from
-/// [`evaluate`] and at most `max_iterations` evaluations. `None` as there, but `x` may be any distance away:
-/// beyond the cutoff it starts from the tangent plane of its nearest point and keeps to the line from `x` along the normal.
+/// Projects `x` (m, frame of the points) on the surface: repeats `x <- x - n d(x)` until `|d| < tolerance`
+/// (m; predicted from the last two), with `d` and `n` from [`evaluate`] and at most `max_iterations`
+/// evaluations. `None` as there, but `x` may be any distance away: beyond the cutoff it starts from the
+/// tangent plane of its nearest point and keeps to the line from `x` along the normal.
 pub fn project(x: &Vec3, cloud: &Cloud, tolerance: Real, max_iterations: u32) -> Option<Projection> {
     let Cloud { points, normals, kernel, .. } = *cloud;
     let (mut nearest, r2) = cloud.nearest(x)?;

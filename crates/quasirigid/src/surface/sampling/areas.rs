@@ -24,8 +24,8 @@ const BORDER_GAP: Real = 2.0 * PI / 3.0;
 /// A cell reaches at most this many times the distance of the sixth neighbour: a cap for outliers, far outside regular cells.
 const REACH: Real = 1.5;
 
-/// Area of every point (m^2, > 0 unless its neighbours all coincide with it), for `points` (m) with unit `normals`. Uses all threads; the result does not depend on
-/// their number.
+/// Area of every point (m^2, > 0 unless its neighbours all coincide with it), for `points` (m)
+/// with unit `normals`. Uses all threads; the result does not depend on their number.
 ///
 /// # Errors
 /// [`crate::Error::InvalidValue`] if the system has no threads to give.
@@ -133,7 +133,8 @@ impl Cell {
     }
 }
 
-/// Whether there is a neighbour in each of six sectors of 60 degrees: then no angle without one is as wide as [`BORDER_GAP`]. Spares most cells the angles.
+/// Whether there is a neighbour in each of six sectors of 60 degrees: then no angle
+/// without one is as wide as [`BORDER_GAP`]. Spares most cells the angles.
 fn surrounded(neighbours: &[Flat]) -> bool {
     // Bit = which sides of the lines at 0, 60 and 120 degrees; two of the eight combinations do not exist.
     const ALL: u32 = 0b1110_0111;

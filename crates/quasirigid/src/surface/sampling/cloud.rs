@@ -99,8 +99,8 @@ fn screen_cloud_here(mut points: Vec<Vec3>, mut normals: Option<Vec<Vec3>>, inte
     Ok(Screened { kept, normals, findings })
 }
 
-/// Areas in the caller's order, and how many of them are guessed: noise can put two neighbours on either side of a point so near to it in its plane that its cell
-/// has no area left. Such a point gets that of a disc that holds its eight nearest.
+/// Areas in the caller's order, and how many of them are guessed: noise can put two neighbours on either side of a point so near to
+/// it in its plane that its cell has no area left. Such a point gets that of a disc that holds its eight nearest.
 pub(super) fn estimated_areas(
     sorted: &SortedPoints,
     normals: &[Vec3],

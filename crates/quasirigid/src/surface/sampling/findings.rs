@@ -12,7 +12,8 @@ pub enum NormalsFound {
     TurnedOutward,
     /// They had no common side: this many were turned.
     Oriented(usize),
-    /// They stand at more than 45 degrees to the surface at this share of the points, so that they cannot be its normals, and were left out.
+    /// They stand at more than 45 degrees to the surface at this share of the
+    /// points, so that they cannot be its normals, and were left out.
     NotNormals(f64),
 }
 

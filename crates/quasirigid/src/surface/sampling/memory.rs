@@ -4,7 +4,8 @@ use crate::error::{Error, Result};
 use std::sync::LazyLock;
 use sysinfo::{MemoryRefreshKind, System};
 
-/// Bytes that a surface takes for each of its points while it is built, at the highest: measured with 1.2 million points, 397, and a little more.
+/// Bytes that a surface takes for each of its points while it is built, at the
+/// highest: measured with 1.2 million points, 397, and a little more.
 pub const BYTES_PER_POINT: u64 = 450;
 /// Fewer points fit wherever the rest of the program does.
 const SURELY_FITS: usize = 1_000_000;

@@ -1,4 +1,5 @@
-//! Points on a surface, and what belongs to every point: shapes that are sampled exactly, normals and areas of points that somebody else has sampled.
+//! Points on a surface, and what belongs to every point: shapes that are sampled
+//! exactly, normals and areas of points that somebody else has sampled.
 
 pub mod areas;
 pub mod cloud;

@@ -22,7 +22,8 @@ const NORMAL_NEIGHBOURS: usize = 12;
 const WIDE_NEIGHBOURS: usize = 96;
 /// An edge that costs less than this is safe to cross: normals within a few degrees of what they should be, along the surface.
 const SAFE: Real = 0.05;
-/// A part is closed if its area vectors add up to less than this share of its area, and enclose more than this share of what a ball of its size does.
+/// A part is closed if its area vectors add up to less than this share of its area,
+/// and enclose more than this share of what a ball of its size does.
 const CLOSED: Real = 0.1;
 const ENCLOSES: Real = 0.01;
 /// Steps of the cost of the other edges.
@@ -100,7 +101,8 @@ fn edge(points: &[Vec3], normals: &[Vec3], i: usize, j: usize) -> (Real, bool) {
 pub(crate) fn orient(points: &[Vec3], normals: &mut [Vec3], nearest: &Nearest) {
     let (n, k) = (points.len(), nearest.k.min(NORMAL_NEIGHBOURS));
     let mut parts = Parts::new(n);
-    // Of edges that cost next to nothing it does not matter which are crossed: no need to sort them. On a well sampled surface nearly all are of this kind.
+    // Of edges that cost next to nothing it does not matter which are crossed: no need to
+    // sort them. On a well sampled surface nearly all are of this kind.
     let known: &[Vec3] = normals;
     let find_safe = |i: usize| {
         let (mut safe, mut flips) = (0_u16, 0_u16);
@@ -141,9 +143,11 @@ pub(crate) fn orient(points: &[Vec3], normals: &mut [Vec3], nearest: &Nearest) {
     }
 }
 
-/// For the root of every closed part, whether its normals look inward as they are flipped against the root: all of its points decide together.
+/// For the root of every closed part, whether its normals look inward as they are
+/// flipped against the root: all of its points decide together.
 ///
-/// Of a closed surface the area vectors `a n` add up to zero, and `sum a n . (p - c)` is three times the volume inside (divergence theorem), whatever `c`.
+/// Of a closed surface the area vectors `a n` add up to zero, and `sum a n . (p - c)`
+/// is three times the volume inside (divergence theorem), whatever `c`.
 fn looks_inward(points: &[Vec3], normals: &[Vec3], nearest: &Nearest, roots: &[(u32, bool)]) -> Vec<Option<bool>> {
     #[derive(Clone, Copy, Default)]
     struct Sums {
@@ -169,7 +173,8 @@ fn looks_inward(points: &[Vec3], normals: &[Vec3], nearest: &Nearest, roots: &[(
     parts.iter().map(verdict).collect()
 }
 
-/// Of the pairs of neighbours whose normals must agree, because both lie in one smooth piece of the surface: how many do not, and how many there are.
+/// Of the pairs of neighbours whose normals must agree, because both lie in one
+/// smooth piece of the surface: how many do not, and how many there are.
 pub(crate) fn disagreements(points: &[Vec3], normals: &[Vec3], nearest: &Nearest) -> (usize, usize) {
     let k = nearest.k.min(NORMAL_NEIGHBOURS);
     let of_point = |i: usize| {
@@ -180,7 +185,8 @@ pub(crate) fn disagreements(points: &[Vec3], normals: &[Vec3], nearest: &Nearest
     (0..points.len()).into_par_iter().with_min_len(1024).map(of_point).reduce(|| (0, 0), add)
 }
 
-/// Edges between different parts, the safest first: (i, j, whether the normals disagree). In that order a union-find makes a minimum spanning tree (Kruskal).
+/// Edges between different parts, the safest first: (i, j, whether the normals
+/// disagree). In that order a union-find makes a minimum spanning tree (Kruskal).
 fn remaining_edges(points: &[Vec3], normals: &[Vec3], k: usize, nearest: &Nearest, roots: &[(u32, bool)]) -> Vec<(u32, u32, bool)> {
     let of_point = |i: usize| {
         let elsewhere = nearest.of(i)[..k].iter().map(|&j| j as usize).filter(move |&j| roots[i].0 != roots[j].0);

@@ -1,10 +1,11 @@
 //! Which way the normals of a cloud look, by the agreement of all its points, and whether normals that came with it can be right.
 //!
-//! The spanning tree of [`super::normals`] is right wherever a neighbourhood is one sheet. It is judged by the winding number field of the normals that it gives
-//! ([`super::winding_number`]): where they are consistent, the field falls along them. If it does not, as on a wall as thin as the points are apart or under
-//! noise, normals are found from the field itself, after Lin, Shi, Liu, *Fast and globally consistent normal orientation based on the winding number normal
-//! consistency* (2024): area vectors `m` that make the winding number 1/2 at every point (one step down the gradient of `|A m - 1/2|^2`), turned into the
-//! direction in which their own field falls, again and again.
+//! The spanning tree of [`super::normals`] is right wherever a neighbourhood is one sheet. It is judged by the winding number
+//! field of the normals that it gives ([`super::winding_number`]): where they are consistent, the field falls along them. If
+//! it does not, as on a wall as thin as the points are apart or under noise, normals are found from the field itself, after
+//! Lin, Shi, Liu, *Fast and globally consistent normal orientation based on the winding number normal consistency* (2024):
+//! area vectors `m` that make the winding number 1/2 at every point (one step down the gradient of `|A m - 1/2|^2`), turned
+//! into the direction in which their own field falls, again and again.
 
 use crate::interrupt::Interrupt;
 use crate::math::{Real, Vec3};
@@ -23,8 +24,8 @@ const JUDGED: usize = 4096;
 /// Share of the judged points whose normals the field must fall along. Even samples of smooth bodies and boxes are above 0.999.
 const CONSISTENT: Real = 0.995;
 const CONSISTENT_IN_NOISE: Real = 0.97;
-/// Steps of the search for normals from the field, and the width that distances count as at first and at last, spacings. The width ends where single
-/// points stop to matter; it begins where the field is smooth.
+/// Steps of the search for normals from the field, and the width that distances count as at first and at last,
+/// spacings. The width ends where single points stop to matter; it begins where the field is smooth.
 const STEPS: usize = 20;
 const WIDTHS: (Real, Real) = (3.0, 1.0);
 /// Points that normals from the field are found for; of more, an even part, and the others ask their neighbours.
@@ -35,7 +36,8 @@ pub(crate) const NOISY: Real = 0.12;
 const NOISY_NEIGHBOURS: usize = 40;
 /// Area vectors that add up to less than this share of their lengths belong to a closed surface: of a closed one it is zero.
 const CLOSED: Real = 0.1;
-/// Spread of the winding number over the points of a closed surface: below the first all its normals look out, above the second they cannot.
+/// Spread of the winding number over the points of a closed surface: below the
+/// first all its normals look out, above the second they cannot.
 const EVEN: Real = 0.15;
 const EVEN_IN_NOISE: Real = 0.5;
 const COHERENT: Real = 0.55;
@@ -117,7 +119,8 @@ impl<'a> Cloud<'a> {
         vectors.iter().sum::<Vec3>().norm() < CLOSED * vectors.iter().map(Vec3::norm).sum::<Real>()
     }
 
-    /// Share of the points in flat neighbourhoods whose normals are more than 45 degrees off the plane's; 0 if hardly any neighbourhood is flat.
+    /// Share of the points in flat neighbourhoods whose normals are more than 45
+    /// degrees off the plane's; 0 if hardly any neighbourhood is flat.
     fn off_the_surface(&self, normals: &[Vec3]) -> Real {
         let of = |&i: &u32| {
             let (i, points) = (i as usize, self.points());
@@ -144,8 +147,9 @@ impl<'a> Cloud<'a> {
         self.sample.iter().filter(opposed).count() as Real / self.sample.len() as Real
     }
 
-    /// Standard deviation of the points about the surface, spacings. Between two points of a smooth surface the tangent planes rise as much on one side as they
-    /// fall on the other, whatever the curvature: `(n_i + n_j) . (p_j - p_i) / 2` is the difference of their heights.
+    /// Standard deviation of the points about the surface, spacings. Between two points of a smooth
+    /// surface the tangent planes rise as much on one side as they fall on the other, whatever the
+    /// curvature: `(n_i + n_j) . (p_j - p_i) / 2` is the difference of their heights.
     fn noise(&self, normals: &[Vec3]) -> Real {
         let of = |&i: &u32| {
             let i = i as usize;

@@ -67,8 +67,8 @@ impl PointSurface {
 
     /// From points (m) and outward normals; areas are estimated, see [`crate::surface::sampling::areas::estimate_areas`].
     ///
-    /// The normals are checked against the points: those without a common side are oriented, those of a closed surface that point in are turned. Stray points
-    /// are left out. [`Self::findings`] says so.
+    /// The normals are checked against the points: those without a common side are oriented, those of a closed
+    /// surface that point in are turned. Stray points are left out. [`Self::findings`] says so.
     ///
     /// # Errors
     /// Those of [`PointSurface::new`]; [`Error::InvalidValue`] if the normals stand across the surface, as colours do;
@@ -77,8 +77,8 @@ impl PointSurface {
         Self::from_cloud(points, Some(normals), None, &Interrupt::default())
     }
 
-    /// From bare points (m): normals estimated and oriented consistently, see [`super::normals::estimate_normals`], then areas. What the cloud has besides
-    /// a surface, stray points and noise, is in [`Self::findings`].
+    /// From bare points (m): normals estimated and oriented consistently, see [`super::normals::estimate_normals`],
+    /// then areas. What the cloud has besides a surface, stray points and noise, is in [`Self::findings`].
     ///
     /// # Errors
     /// Those of [`PointSurface::from_points_and_normals`].
@@ -86,8 +86,8 @@ impl PointSurface {
         Self::from_cloud(points, None, None, &Interrupt::default())
     }
 
-    /// From points (m) and what is known of them: normals, areas (m^2), both or neither. Whoever knows the areas has a surface, not a cloud: no point of it
-    /// is stray. Ends soon after `interrupt` is raised.
+    /// From points (m) and what is known of them: normals, areas (m^2), both or neither. Whoever knows the areas
+    /// has a surface, not a cloud: no point of it is stray. Ends soon after `interrupt` is raised.
     ///
     /// # Errors
     /// Those of the other constructors; [`Error::Interrupted`].

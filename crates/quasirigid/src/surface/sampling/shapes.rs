@@ -1,7 +1,8 @@
 //! Samplings of simple shapes: exactly `n` nearly evenly spaced points, exact normals, areas that add up to the shape's area.
 //!
-//! Curved shapes are sampled on Fibonacci spirals: point `i` of `n` takes the middle of the `i`-th of `n` bands of equal area and
-//! turns by the golden angle. Flat and rolled-up faces are sampled in rows, discs in rings. Every sampling is a pure function of its arguments.
+//! Curved shapes are sampled on Fibonacci spirals: point `i` of `n` takes the middle of the `i`-th
+//! of `n` bands of equal area and turns by the golden angle. Flat and rolled-up faces are sampled in
+//! rows, discs in rings. Every sampling is a pure function of its arguments.
 
 use crate::error::{Error, Result, check_positive};
 use crate::math::{Real, Vec3};
@@ -63,8 +64,8 @@ pub fn sample_sphere(radius: Real, n: usize) -> Result<PointSurface> {
     sampling.finish()
 }
 
-/// The cap of a sphere of `radius` (m) about the origin that lies within `half_angle` (rad, up to pi) of +z: `n` points (>= 4) on a Fibonacci spiral
-/// from the pole down, equal areas. A small cap is a fine sampling of what a large sphere touches with.
+/// The cap of a sphere of `radius` (m) about the origin that lies within `half_angle` (rad, up to pi) of +z: `n` points (>= 4) on a
+/// Fibonacci spiral from the pole down, equal areas. A small cap is a fine sampling of what a large sphere touches with.
 ///
 /// # Errors
 /// [`Error::InvalidValue`] if the radius is not finite and positive, the angle outside (0, pi], or `n` under 4.

@@ -1,7 +1,9 @@
 //! Points of a cloud that are no part of its surface: flying pixels, the origin that a depth camera reports for "nothing seen", dust.
 //!
-//! Two statistical tests, both against the points around and not against one length for the whole cloud (a cloud may be dense here and thin there):
-//! - *isolated*: points that are connected by steps of a few local spacings make parts, and a part of very few points is stray. (The outlier filters of Open3D
+//! Two statistical tests, both against the points around and not against one length
+//! for the whole cloud (a cloud may be dense here and thin there):
+//! - *isolated*: points that are connected by steps of a few local spacings make parts,
+//!   and a part of very few points is stray. (The outlier filters of Open3D
 //!   and PCL look at mean distances to neighbours in the same spirit, one point at a time.)
 //! - *off*: a point that stands off the plane of its neighbours by more than a spacing, where these lie in a plane themselves.
 
@@ -13,7 +15,8 @@ use rayon::prelude::*;
 
 /// With fewer points a stray one cannot be distinguished from a corner.
 pub(crate) const FEWEST: usize = 60;
-/// The spacing around a point is estimated from the distance of this neighbour: a disc of that radius holds as many points as squares of one spacing.
+/// The spacing around a point is estimated from the distance of this neighbour: a
+/// disc of that radius holds as many points as squares of one spacing.
 const SPACING_NEIGHBOUR: usize = 4;
 /// A step longer than this many local spacings is a gap.
 const GAP: Real = 4.0;
@@ -27,7 +30,8 @@ const OFF: Real = 1.2;
 /// ... and than this many times the scatter of these about that plane.
 const OFF_SCATTER: Real = 6.0;
 
-/// Distance (m) at which an evenly spread cloud has its next points around each point: from the fourth neighbour, the middle one of those around.
+/// Distance (m) at which an evenly spread cloud has its next points around each
+/// point: from the fourth neighbour, the middle one of those around.
 pub(crate) fn local_spacings(points: &[Vec3], nearest: &Nearest) -> Vec<Real> {
     let fourth = |i: usize| {
         let near = nearest.of(i);

@@ -1,14 +1,16 @@
 //! The winding number field of a cloud of points with area vectors, its gradient and its adjoint, by a tree.
 //!
-//! Barill, Dickson, Schmidt, Levin, Jacobson, *Fast winding numbers for soups and clouds* (2018), eq. 4: points `p_j` (m) that stand for the area vectors
+//! Barill, Dickson, Schmidt, Levin, Jacobson, *Fast winding numbers for soups and
+//! clouds* (2018), eq. 4: points `p_j` (m) that stand for the area vectors
 //! `m_j` (m^2, along the outward normal) wind round a place `x` (m)
 //!
 //! ```text
 //! w(x) = sum_j  m_j . (p_j - x) / (4 pi |p_j - x|^3)
 //! ```
 //!
-//! times: once inside a closed surface, not at all outside, half on it. What is far away is summed node by node, as one area vector at the middle of the node
-//! (their expansion of order zero). Within `width` the distance counts as `width`: points are thin on the ground there, and a single one must not decide.
+//! times: once inside a closed surface, not at all outside, half on it. What is far away is summed node by node,
+//! as one area vector at the middle of the node (their expansion of order zero). Within `width` the distance
+//! counts as `width`: points are thin on the ground there, and a single one must not decide.
 
 use crate::math::{Real, Vec3};
 use rayon::prelude::*;
@@ -102,7 +104,8 @@ impl<'a> WindingTree<'a> {
 
     /// Winding number at the points numbered `at`, and its gradient turned round (1/m), which looks out of the surface: `-grad w`.
     ///
-    /// With `d = p_j - x`, `r = |d|`: `-grad w = sum_j (m_j / r^3 - 3 (m_j . d) d / r^5) / (4 pi)`; within `width` the second term is left out.
+    /// With `d = p_j - x`, `r = |d|`: `-grad w = sum_j (m_j / r^3 - 3 (m_j . d) d / r^5) / (4 pi)`;
+    /// within `width` the second term is left out.
     pub fn field(&self, vectors: &[Vec3], width: Real, at: &[u32]) -> Vec<(Real, Vec3)> {
         let sums = self.sums(vectors);
         let one = |&i: &u32| {

@@ -43,8 +43,9 @@ impl Candidates {
         }
     }
 
-    /// Replaces `near` by the `count` nearest to `x`, nearest first and equally near ones by index. False if they may not be the nearest of all: the last is not nearer
-    /// than the square root of `seen2` (m^2). `filter` (m^2) is a guess of what leaves over a few more than are asked for.
+    /// Replaces `near` by the `count` nearest to `x`, nearest first and equally near ones by index. False
+    /// if they may not be the nearest of all: the last is not nearer than the square root of `seen2` (m^2).
+    /// `filter` (m^2) is a guess of what leaves over a few more than are asked for.
     pub fn nearest(&mut self, x: &Vec3, count: usize, filter: Real, seen2: Real, near: &mut Vec<Candidate>) -> bool {
         let terms = self.x.iter().zip(&self.y).zip(&self.z);
         self.distance2.clear();
@@ -64,7 +65,8 @@ impl Candidates {
         seen2 == Real::INFINITY || near[count - 1].distance2() < seen2
     }
 
-    /// Replaces `near` by the candidates up to a squared distance; returns their number. Without a branch on what is kept, which no processor could predict.
+    /// Replaces `near` by the candidates up to a squared distance; returns their number.
+    /// Without a branch on what is kept, which no processor could predict.
     fn keep_below(&self, filter: Real, near: &mut Vec<Candidate>) -> usize {
         near.resize(self.index.len() + 1, Candidate::default());
         let mut kept = 0;

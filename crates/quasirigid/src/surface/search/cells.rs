@@ -1,4 +1,5 @@
-//! Cells of a grid along a curve that fills space (Morton, *A computer oriented geodetic data base*, 1966), and where each is in a list of those that hold points.
+//! Cells of a grid along a curve that fills space (Morton, *A computer oriented geodetic
+//! data base*, 1966), and where each is in a list of those that hold points.
 
 use crate::math::{Real, Vec3};
 
@@ -34,7 +35,8 @@ impl Grid {
         std::array::from_fn(|axis| (((x[axis] - self.origin[axis]) / self.edge) as i64).clamp(0, self.dims[axis] - 1))
     }
 
-    /// Distance from `x` to the nearest wall of a block of cells `rings` around `home` that has cells behind it, m: what is nearer has been seen.
+    /// Distance from `x` to the nearest wall of a block of cells `rings` around
+    /// `home` that has cells behind it, m: what is nearer has been seen.
     pub fn seen_to(&self, x: &Vec3, home: [i64; 3], rings: i64) -> Real {
         let mut seen = Real::INFINITY;
         for axis in 0..3 {

@@ -1,8 +1,9 @@
 //! The nearest neighbours of every point of a set, found for all points together.
 //!
-//! The points are sorted by the cells of a grid, the cells along a curve that fills space (Morton, *A computer oriented geodetic data base*, 1966). So what is near in
-//! space is near in memory, for whatever comes after too, and the candidates of a cell (its own points and those of the 26 cells around it) are
-//! gathered once for all of its points. The size of the cells comes from the distances to the neighbours of a few of the points.
+//! The points are sorted by the cells of a grid, the cells along a curve that fills space (Morton, *A computer oriented
+//! geodetic data base*, 1966). So what is near in space is near in memory, for whatever comes after too, and the
+//! candidates of a cell (its own points and those of the 26 cells around it) are gathered once for all of its points.
+//! The size of the cells comes from the distances to the neighbours of a few of the points.
 //!
 //! For single queries at any place there is [`crate::surface::NeighbourGrid`].
 
@@ -17,7 +18,8 @@ use std::ops::Range;
 const FIRST_LOAD: Real = 5.0;
 /// Points from which the distance of neighbours is estimated.
 const SAMPLE: usize = 64;
-/// Edge of a cell over the distance within which nine of ten of them have their neighbours: enough for nearly every point to have its neighbours in the 27 cells around it.
+/// Edge of a cell over the distance within which nine of ten of them have their neighbours:
+/// enough for nearly every point to have its neighbours in the 27 cells around it.
 const EDGE: Real = 1.1;
 /// A first grid within this of what it should be is kept.
 const GOOD_ENOUGH: Range<Real> = 0.95..1.4;
@@ -64,7 +66,8 @@ impl SortedPoints {
             edge = d.max() / count * FIRST_LOAD;
         }
         let mut sorted = Self::with_grid(points, Grid::new(low, high, edge));
-        // A set that fills its box badly, two bodies far apart say, takes a second attempt or two: the first grid is far too coarse to judge by.
+        // A set that fills its box badly, two bodies far apart say, takes a second
+        // attempt or two: the first grid is far too coarse to judge by.
         for _ in 0..3 {
             let wanted = EDGE * sorted.typical_reach(k);
             if wanted.is_nan() || wanted <= 0.0 || GOOD_ENOUGH.contains(&(sorted.grid.edge / wanted)) {

@@ -36,8 +36,8 @@ fn pack(cell: [i64; 3]) -> u64 {
 /// Buckets of a block of 4 x 4 x 4 cells.
 const BLOCK: usize = 64;
 
-/// Blocks of cells are hashed, multiplicatively (Fibonacci: top bits of key times 2^64 / golden ratio); the cells of a block lie side by side. So a search
-/// around one place stays in a few stretches of memory.
+/// Blocks of cells are hashed, multiplicatively (Fibonacci: top bits of key times 2^64 / golden ratio); the cells
+/// of a block lie side by side. So a search around one place stays in a few stretches of memory.
 fn bucket_of(key: u64, buckets: usize) -> usize {
     const WITHIN: u64 = 3 | 3 << 21 | 3 << 42;
     let cell = (key & 3) | (key >> 21 & 3) << 2 | (key >> 42 & 3) << 4;
@@ -210,7 +210,8 @@ impl NeighbourGrid {
         }
     }
 
-    /// Looks through the cells at Chebyshev distance `ring` of `home` that lie in the grid, but for those too far to hold one of the `k` nearest.
+    /// Looks through the cells at Chebyshev distance `ring` of `home` that lie in
+    /// the grid, but for those too far to hold one of the `k` nearest.
     fn visit_ring(&self, x: &Vec3, home: [i64; 3], ring: i64, k: usize, out: &mut Vec<(u32, Real)>) {
         let low: [i64; 3] = std::array::from_fn(|a| (home[a] - ring).max(0));
         let high: [i64; 3] = std::array::from_fn(|a| (home[a] + ring).min(self.dims[a] - 1));

@@ -24,7 +24,8 @@ struct Future<'a> {
     bodies: Vec<(u32, StoredBody<'a>)>,
     colliders: Vec<(u32, StoredCollider<'a>)>,
     excluded: &'a ExcludedPairs,
-    /// Slots of bodies and colliders in the order in which they were added. Not how often a slot was given: that only distinguishes handles.
+    /// Slots of bodies and colliders in the order in which they were added. Not
+    /// how often a slot was given: that only distinguishes handles.
     order: [&'a [u32]; 2],
     pairs: &'a [Pair],
     caches: &'a [PairCache],
