@@ -55,7 +55,7 @@ pub(crate) fn constrained_motion(
         let before = entry.body.state();
         advance(&mut entry.body, free, &dx, force, &context);
         if !(is_sound(&dx) && entry.body.is_finite()) {
-            // Nothing non-finite leaves the step: back to where it was, out of the way, and reported.
+            // A body whose state became non-finite is put back to the start of the step, quarantined and reported.
             entry.body.restore(&before);
             entry.quarantined = true;
             scratch.quarantined.push(slot);

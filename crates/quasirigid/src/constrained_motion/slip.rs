@@ -15,7 +15,7 @@ pub(super) fn remember(pairs: &mut [Pair], contacts: &[Contact], problem: &Conta
     }
     for (i, contact) in contacts.iter().enumerate() {
         if let Some(speed) = pairs[contact.pair as usize].slip_speed.get_mut(contact.control_point as usize) {
-            // `max` takes what is not a number for rest.
+            // `max` replaces NaN by 0: at rest.
             *speed = (problem.slip(i, contact) / dt).max(0.0);
         }
     }

@@ -1,5 +1,5 @@
 //! `W_deform = sum over surfaces of H C H^T` of one patch, row by row (design 3.3, paper
-//! eqs. 7 to 9 and 13). What `H` and `C` are says [`super::elastic_operator`].
+//! eqs. 7 to 9 and 13). `H` and `C` are defined in [`super::elastic_operator`].
 //!
 //! `H` is the identity on the side `a` that carries the control points. On side `b` it interpolates from
 //! its control points (eq. 8): contact `i` gives weights `h_ik`, its force goes to them by the same

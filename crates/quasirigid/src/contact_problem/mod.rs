@@ -90,7 +90,7 @@ struct RigidRows {
 }
 
 impl ContactProblem {
-    /// `delta_free` (m) and unknowns (N) of the problem that is left when viscous drag is taken for a load: a plain Coulomb problem
+    /// `delta_free` (m) and unknowns (N) of the problem that is left when viscous drag is treated as a load: a plain Coulomb problem
     /// with the same `W` and `mu`, and the same displacements. For export; without drag these are those of the step.
     pub fn coulomb_part(&self) -> (Vec<Vec3>, Vec<Vec3>) {
         let (mut delta_free, mut unknowns) = (self.delta_free.clone(), self.unknowns.clone());

@@ -49,7 +49,7 @@ impl ReactionHistory {
         for c in loaded_before.drain(..).filter(|&c| last[c as usize] == Vec3::zeros()) {
             (trend[c as usize], change[c as usize]) = (Vec3::zeros(), Vec3::zeros());
         }
-        // What is left at rest is the solver's last digits: to continue them would only make work.
+        // At rest the changes are the solver's last digits: to extrapolate them would only cost sweeps.
         if sum_change < least_trend * least_trend * sum_force {
             for &c in loaded.iter() {
                 (trend[c as usize], change[c as usize]) = (Vec3::zeros(), Vec3::zeros());
@@ -60,7 +60,7 @@ impl ReactionHistory {
 
 /// Remembers the reactions of all pairs, for the warm start of the next step.
 pub(crate) fn remember(loaded_before: &mut Vec<u32>, pairs: &mut [Pair], contacts: &[Contact], problem: &ContactProblem) {
-    // What a solver that was cut short is still wrong by is no motion: continued from step to step it would grow.
+    // The error of a solve that was cut short is no motion: extrapolated from step to step it would grow.
     let least_trend = LEAST_TREND.max(SURE * problem.unfinished);
     let count = pairs.len();
     for (pair, patch) in pairs.iter_mut().zip(patches(contacts, count)) {

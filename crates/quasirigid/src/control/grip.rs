@@ -238,7 +238,7 @@ impl Grip {
         match self.state {
             GripState::Closing => {
                 for (pad, force) in self.pads.iter_mut().zip(&forces) {
-                    // A pad that has touched waits for the others with a touch.
+                    // A pad that has touched presses lightly until the others have touched.
                     let speed = if *force < TOUCH { CLOSING_SPEED } else { (GAIN * (2.0 * TOUCH - force)).clamp(-PRESSING_SPEED, 0.0) };
                     pad.travel += speed * dt;
                 }
@@ -257,8 +257,8 @@ impl Grip {
                 }
                 let mut settled = true;
                 for (finger, pad) in self.pads.iter_mut().enumerate() {
-                    // Where one pad gives all that it has, no other can press on against it: what
-                    // it would travel had only to be taken back before it lets go.
+                    // Where the motors behind one pad are at their limit, no other presses further against it: what
+                    // it travelled would only have to be undone before it lets go.
                     if weak && is_short(finger) {
                         continue;
                     }

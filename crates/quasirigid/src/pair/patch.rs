@@ -18,9 +18,9 @@ pub struct PatchSide {
     pub unloaded: Unloaded,
 }
 
-/// Control points that forces at others move but that are in no contact themselves: they are shown, and right
-/// when they are touched. Their static displacement under the present forces is kept, and found again only when
-/// those have changed by more than the solver's last digits: a patch at rest costs nothing.
+/// Control points that forces at others displace but that are in no contact themselves: their displacement is seen,
+/// and counts as soon as they come into contact. Their static displacement under the present forces is kept, and found
+/// again only when those have changed by more than the solver's last digits: a patch at rest costs nothing.
 #[derive(Debug, Clone, Default)]
 pub struct Unloaded {
     /// `K^-1 f` of each control point, m, valid where its `found_at` is the present `revision`.

@@ -64,7 +64,7 @@ impl RelativeMotion {
     ///                 + (theta + H phi) x (p - c) - (exp(phi) - 1) (p - c)
     /// ```
     ///
-    /// If `l` is free itself (o: its centre) then J_l x_e,l takes `s + theta x (p - o)` off again. If both lead, each has
+    /// If `l` is free itself (o: its centre) then J_l x_e,l subtracts `s + theta x (p - o)` again. If both lead, each has
     /// its own P. Where the leading body is not expected to rotate, all of this is the motion to first order.
     pub(crate) fn renew(&mut self, sides: [Side<'_>; 2], dt: Real) {
         let [pose_a, pose_b] = sides.map(|side| side.pose());

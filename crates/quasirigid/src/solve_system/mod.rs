@@ -107,7 +107,7 @@ pub fn solve_system_until(
     let unit_free_residual = natural_map_residual(&velocities, &reactions, &system.mu, &rho);
     stop = match stop {
         Stop::Converged if is_sound(&reactions, &system.q, &rho, unit_free_residual) => stop,
-        // What ends a run of sweeps need not be what ended the whole.
+        // The reason why a run of sweeps ended need not be why the whole solve ended.
         Stop::Converged | Stop::SweepCap | Stop::Stagnated => unfinished,
         Stop::TimeBudget | Stop::Interrupted | Stop::NonFinite => stop,
     };

@@ -172,7 +172,7 @@ impl ControlPoints {
     /// Gaussian weights of the control points around `x`, out of `candidates`; all on `home` when none is near.
     ///
     /// `theta(r) = exp(-r^2/h^2) - exp(-4)`, cut at `r = 2 h` with `h` 0.8 control spacings (eq. 8; about 8 control
-    /// points), times the agreement of the normals, so that a face does not pull at the face around the edge.
+    /// points), times the agreement of the normals, so that the faces on two sides of an edge do not displace each other.
     pub fn weights(&self, x: &Vec3, normal: &Vec3, home: u32, candidates: &[u32]) -> Weights {
         let h2 = 0.64 * self.spacing * self.spacing;
         let floor = Lane::splat((-4.0_f64).exp());

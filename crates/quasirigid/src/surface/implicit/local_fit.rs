@@ -17,17 +17,17 @@ pub(crate) struct Block {
     points: Lane3,
     normals: Lane3,
     /// 0 for a point that may be the reference, infinity for one that may not, or an empty place.
-    blind: Lane,
+    penalty: Lane,
 }
 
 impl Block {
-    pub const EMPTY: Self = Self { points: Lane3::ZERO, normals: Lane3::ZERO, blind: Lane([Real::INFINITY; LANES]) };
+    pub const EMPTY: Self = Self { points: Lane3::ZERO, normals: Lane3::ZERO, penalty: Lane([Real::INFINITY; LANES]) };
 
     #[inline(always)]
     pub fn set(&mut self, lane: usize, point: &Vec3, normal: &Vec3, may_be_reference: bool) {
         self.points.set(lane, point);
         self.normals.set(lane, normal);
-        self.blind.0[lane] = if may_be_reference { 0.0 } else { Real::INFINITY };
+        self.penalty.0[lane] = if may_be_reference { 0.0 } else { Real::INFINITY };
     }
 }
 
@@ -39,7 +39,7 @@ pub(crate) fn nearest_in(blocks: &[Block], x: &Vec3) -> Option<usize> {
     let mut place = [usize::MAX; LANES];
     for (b, block) in blocks.iter().enumerate() {
         let d = block.points - x;
-        let r2 = (d.dot(d) + block.blind).0;
+        let r2 = (d.dot(d) + block.penalty).0;
         for lane in 0..LANES {
             if r2[lane] < best[lane] {
                 best[lane] = r2[lane];

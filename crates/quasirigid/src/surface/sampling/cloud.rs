@@ -62,7 +62,7 @@ pub struct Screened {
     pub kept: Vec<u32>,
     /// Their normals, where some were given and are normals: unit, with a common side.
     pub normals: Option<Vec<Vec3>>,
-    /// What was met.
+    /// What was found.
     pub findings: Findings,
 }
 

@@ -1,4 +1,4 @@
-//! What was met in a cloud of points and what was done about it.
+//! What was found in a cloud of points and what was done about it.
 
 use std::fmt::Write;
 
@@ -17,7 +17,7 @@ pub enum NormalsFound {
     NotNormals(f64),
 }
 
-/// What was met in a cloud of points and what was done about it. The default is a clean cloud.
+/// What was found in a cloud of points and what was done about it. The default is a clean cloud.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Findings {
     /// Points that are no part of the surface, and were left out: their positions among those given, in rising order.

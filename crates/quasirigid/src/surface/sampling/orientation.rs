@@ -28,7 +28,7 @@ const CONSISTENT_IN_NOISE: Real = 0.97;
 /// spacings. The width ends where single points stop to matter; it begins where the field is smooth.
 const STEPS: usize = 20;
 const WIDTHS: (Real, Real) = (3.0, 1.0);
-/// Points that normals from the field are found for; of more, an even part, and the others ask their neighbours.
+/// Points that normals from the field are found for; of more, an even part, and the others take those of their neighbours.
 const MOST_SOLVED: usize = 24_000;
 /// Scatter of the points about the surface that is noise, in spacings: from there on normals are smoothed.
 pub(crate) const NOISY: Real = 0.12;

@@ -158,7 +158,7 @@ impl PointSurface {
         Ok(Self { points, normals, areas, spread, findings })
     }
 
-    /// What was met in the cloud of points that this was made of, and what was done about it.
+    /// What was found in the cloud of points that this was made of, and what was done about it.
     pub fn findings(&self) -> &Findings {
         &self.findings
     }

@@ -10,7 +10,7 @@
 //!
 //! times: once inside a closed surface, not at all outside, half on it. What is far away is summed node by node,
 //! as one area vector at the middle of the node (their expansion of order zero). Within `width` the distance
-//! counts as `width`: points are thin on the ground there, and a single one must not decide.
+//! counts as `width`: points are sparse at that scale, and a single one must not decide.
 
 use crate::math::{Real, Vec3};
 use rayon::prelude::*;

@@ -1,4 +1,4 @@
-//! Every number of a state that is read: finite, of a size that can be counted on, and rotations that are some.
+//! Checks of every number of a state that is read: finite, not too large, and quaternions of unit length.
 
 use super::walk::{Visit, walk};
 use crate::math::Real;
