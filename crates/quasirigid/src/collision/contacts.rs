@@ -2,14 +2,12 @@
 //! parallel; the others keep what was found (design 3.2, points 3 to 5).
 
 use super::cache::{CachedProjection, Coupled, Found, PairCache};
-use super::projection::{PairGeometry, SLACK};
+use super::projection::{Due, PairGeometry, SLACK, StepGeometry};
 use super::separation::STRIDE;
 use super::traversal::have_penetrated;
-use crate::free_motion::FreeMotion;
 use crate::math::{Real, Vec3};
 use crate::objects::Objects;
 use crate::pair::{Contact, Pair};
-use crate::params::Parameters;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -26,30 +24,6 @@ pub(super) struct Scratch {
     due: Vec<Due>,
     projected: Vec<CachedProjection>,
     stack: Vec<u32>,
-}
-
-/// A control point whose last projection no longer holds.
-#[derive(Debug, Clone)]
-pub(super) struct Due {
-    pair: u32,
-    /// Its coupled nodes in the pair's list.
-    pub coupled: Range<u32>,
-    /// Where it is, in the frame of `b`.
-    pub x: Vec3,
-    /// How far the free motion takes it against `b`, m.
-    pub approach: Real,
-}
-
-/// What all projections of a step use: geometry is frozen at its start.
-#[derive(Clone, Copy)]
-pub(super) struct StepGeometry<'a> {
-    pub objects: &'a Objects,
-    pub free: &'a [FreeMotion],
-    /// How far any surface point of each collider may move in this step before contact forces, m.
-    pub reach: &'a [Real],
-    pub params: &'a Parameters,
-    /// Whether remembered projections are held to their usual limits in this step, see [`Parameters::collision_every`].
-    pub refresh: bool,
 }
 
 /// Finds the contacts. Every control point with a coupled leaf becomes one if it is near enough. Where its last projection

@@ -88,7 +88,7 @@ pub(crate) fn collision(
     }
     let traversed = Instant::now();
     let refresh = step.is_multiple_of(u64::from(params.collision_every));
-    let now = contacts::StepGeometry { objects, free, reach: &out.bounds.reach, params, refresh };
+    let now = projection::StepGeometry { objects, free, reach: &out.bounds.reach, params, refresh };
     contacts::find_contacts(&mut out.projection, pairs, &mut out.caches, now, &mut out.contacts);
     out.refit_time = out.traversal.refit_time;
     out.traverse_time = traversed - start - out.refit_time;

@@ -2,15 +2,16 @@
 
 use super::budget::area_in_contact;
 use super::cache::{CachedProjection, Coupled, Coupling, Found};
-use super::contacts::{Due, StepGeometry};
 use super::nearest_point::{Border, SAME_FACE, faces_meet, height_over_nearest, is_outside, nearest_node};
 use crate::collider::Skin;
+use crate::free_motion::FreeMotion;
 use crate::math::{Mat3, Pose, Real, Vec3, contact_frame};
-use crate::objects::Side;
+use crate::objects::{Objects, Side};
 use crate::pair::{Contact, Pair};
 use crate::params::Parameters;
 use crate::surface::Weights;
 use crate::surface::implicit::{Cloud, FACES, project};
+use std::ops::Range;
 
 /// A projection farther from the nearest sample than this many leaf gaps (half the
 /// distance to a close neighbour) has left the border of its leaf.
@@ -28,6 +29,30 @@ const SLACK_RADIUS: Real = 1e-3;
 
 /// Most steps of a projection; two or three are usual.
 const MOST_PROJECTIONS: u32 = 10;
+
+/// A control point whose last projection no longer holds.
+#[derive(Debug, Clone)]
+pub(super) struct Due {
+    pub pair: u32,
+    /// Its coupled nodes in the pair's list.
+    pub coupled: Range<u32>,
+    /// Where it is, in the frame of `b`.
+    pub x: Vec3,
+    /// How far the free motion takes it against `b`, m.
+    pub approach: Real,
+}
+
+/// What all projections of a step use: geometry is frozen at its start.
+#[derive(Clone, Copy)]
+pub(super) struct StepGeometry<'a> {
+    pub objects: &'a Objects,
+    pub free: &'a [FreeMotion],
+    /// How far any surface point of each collider may move in this step before contact forces, m.
+    pub reach: &'a [Real],
+    pub params: &'a Parameters,
+    /// Whether remembered projections are held to their usual limits in this step, see [`Parameters::collision_every`].
+    pub refresh: bool,
+}
 
 /// The geometry of a pair at the start of a step, for the projections of all its control points.
 pub(super) struct PairGeometry<'a> {
