@@ -450,6 +450,8 @@ class Collider:
     def mask(self, value: int) -> None: ...
     def deformed_points(self) -> FloatArray:
         """Points of the surface as deformed now, (n, 3) m, world."""
+    def moved_points(self) -> tuple[npt.NDArray[np.uint32], FloatArray]:
+        """The points of the surface that are displaced: their indices (k,) and where they are, (k, 3) m, frame of the link."""
     def displacements(self) -> FloatArray:
         """Elastic displacement ``u`` at the control points, (m, 3) m, frame of the link."""
     def remove(self) -> None:
@@ -635,25 +637,25 @@ class Contacts:
         """(n, 3) m, world: the control point, where the reaction acts, at the start of the step."""
     @property
     def normals(self) -> FloatArray:
-        """(n, 3) unit, world, from body b to body a: a positive normal force pushes body a along it."""
+        """(n, 3) world: unit normal from body b to body a; a positive normal force pushes body a along it."""
     @property
     def frames(self) -> FloatArray:
-        """(n, 3, 3) world; columns are (normal, tangent1, tangent2)."""
-    @property
-    def gaps(self) -> FloatArray:
-        """(n,) m after the step; > 0 is apart."""
-    @property
-    def reactions(self) -> FloatArray:
-        """(n, 3) N in the contact frame (normal, tangent1, tangent2)."""
+        """(n, 3, 3) world: columns are (normal, tangent1, tangent2)."""
     @property
     def forces(self) -> FloatArray:
-        """(n, 3) N, world, on body a; body b gets the opposite."""
+        """(n, 3) N, world: on body a; body b gets the opposite."""
     @property
-    def areas(self) -> FloatArray:
-        """(n,) m^2 of the control point."""
+    def reactions(self) -> FloatArray:
+        """(n, 3) N, contact frame: normal, tangent1, tangent2."""
+    @property
+    def gaps(self) -> FloatArray:
+        """(n,) m, contact frame: after the step; > 0 is apart."""
     @property
     def pressures(self) -> FloatArray:
-        """(n,) Pa, normal force over area."""
+        """(n,) Pa: normal force over area."""
+    @property
+    def areas(self) -> FloatArray:
+        """(n,) m^2: of the control point."""
     @property
     def friction(self) -> FloatArray:
         """(n,) friction coefficient, along tangent1. Falls with slip speed if the pair's kinetic coefficient is lower."""
@@ -662,28 +664,28 @@ class Contacts:
         """(n,) friction coefficient along tangent2 over that along tangent1: 1 unless friction has a direction."""
     @property
     def status(self) -> npt.NDArray[np.uint8]:
-        """(n,) values of ``ContactStatus``."""
+        """(n,) 0 open, 1 stick, 2 slip, as ``ContactStatus``."""
     @property
     def body_a(self) -> npt.NDArray[np.uint32]:
-        """(n,) index of the body whose control point it is."""
-    @property
-    def body_b(self) -> npt.NDArray[np.uint32]:
-        """(n,) index of the other body."""
+        """(n,) index of a body: the body whose control point it is."""
     @property
     def link_a(self) -> npt.NDArray[np.uint32]:
         """(n,) link of body a that carries the control point, from 0; 0 for a rigid body."""
     @property
+    def collider_a(self) -> npt.NDArray[np.uint32]:
+        """(n,) ``Collider.id``: the surface whose control point it is; unlike ``body_a`` it does not change when a body is removed."""
+    @property
+    def control_point(self) -> npt.NDArray[np.uint32]:
+        """(n,) which control point of the surface of collider a it is."""
+    @property
+    def body_b(self) -> npt.NDArray[np.uint32]:
+        """(n,) index of a body: the other body."""
+    @property
     def link_b(self) -> npt.NDArray[np.uint32]:
         """(n,) link of body b."""
     @property
-    def collider_a(self) -> npt.NDArray[np.uint32]:
-        """(n,) ``Collider.id`` of the surface whose control point it is: unlike ``body_a`` it does not change when a body is removed."""
-    @property
     def collider_b(self) -> npt.NDArray[np.uint32]:
-        """(n,) ``Collider.id`` of the other surface."""
-    @property
-    def control_point(self) -> npt.NDArray[np.uint32]:
-        """(n,) index of the control point on the surface of collider a."""
+        """(n,) ``Collider.id``: the other surface."""
     def __len__(self) -> int: ...
 
 @final

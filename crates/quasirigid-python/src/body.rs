@@ -230,19 +230,6 @@ impl Body {
         conv::from_points(py, values)
     }
 
-    fn __eq__(&self, other: &Self) -> bool {
-        self.handle == other.handle
-    }
-
-    // The usual one asks for the truth of what `==` says, and an array that is compared with has none.
-    fn __ne__(&self, other: &Self) -> bool {
-        self.handle != other.handle
-    }
-
-    fn __hash__(&self) -> u64 {
-        crate::value::hash_of(&self.handle)
-    }
-
     fn __repr__(&self, py: Python<'_>) -> String {
         let place = |body: &RigidBody| {
             let p = body.pose().translation.vector;

@@ -16,6 +16,7 @@ mod friction_sides;
 mod grip;
 mod hand;
 mod hand_model;
+mod handle;
 mod mass_properties;
 mod material;
 mod mocap;
@@ -33,6 +34,7 @@ mod solver;
 mod surface;
 mod value;
 mod world;
+mod world_objects;
 
 use pyo3::prelude::*;
 

@@ -27,7 +27,7 @@ from quasirigid.errors import RecordingError, UnknownNameError
 from quasirigid.recording.file import RecordingFile, Stored, damaged
 
 FORMAT = "quasirigid-recording"
-VERSION = 3
+VERSION = 4
 """1 (2026): a grasp without what a replay needs. 2: every column of a replay; contacts as the engine has them, see ``recording.scene``.
 3: texts have a fixed length; the control point of every contact; material and mass of every body.
 """

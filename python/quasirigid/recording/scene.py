@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from quasirigid._quasirigid import STAGES, StepReport, __version__
-from quasirigid.arrays.types import FloatArray
+from quasirigid.arrays.types import AnyArray, FloatArray
 from quasirigid.errors import InvalidShapeError, InvalidValueError, RecordingError
 from quasirigid.recording.file import damaged
 from quasirigid.recording.model import model_columns, model_constants, read_model
@@ -27,7 +27,7 @@ from quasirigid.recording.reader import VERSION, Column, Recording
 from quasirigid.recording.recorder import Recorder
 from quasirigid.recording.scene_columns import PHASE_CODES, check_scene, frames_of, scene_columns
 from quasirigid.recording.schema import described
-from quasirigid.scene.contact_fields import CONTACT_FIELDS, contact_arrays
+from quasirigid.scene.contact_fields import FIELD_OF, RECORDED_FIELDS, contact_arrays, recorded_values
 from quasirigid.scene.model import ContactsState, Moved, SceneModel, SceneState
 
 DEFORMATION_RATE = 60.0
@@ -124,7 +124,7 @@ class SceneRecorder:
             "phase": state.phase.encode(),
             "frames/pose": np.concatenate([state.positions, state.quaternions], axis=1)[self._carriers],
             "bodies/quarantined": quarantined,
-            **{f"contacts/{field.column}": getattr(c, field.name) for field in CONTACT_FIELDS},
+            **{f"contacts/{field.column}": getattr(c, field.name) for field in RECORDED_FIELDS},
             **self._moved_rows(moved),
             "moved/step": self._recorder.steps if changed else self._moved_at,
             "fingers/force": state.finger_forces,
@@ -212,6 +212,8 @@ class SceneRecording:
         except BaseException:
             self.columns.close()
             raise
+        self.contact_columns = frozenset(n.removeprefix("contacts/") for n in self.columns.names if n.startswith("contacts/"))
+        """Columns of the group ``contacts``: older recordings have fewer."""
         frames = self.columns.labels("frames/pose")
         self._frames = [frames.index(frame) for frame in frames_of(self.model)]
 
@@ -249,10 +251,15 @@ class SceneRecording:
         peak = 0.0
         for start in range(begin, end, ROWS_AT_ONCE):  # all at once may not fit into memory
             stop = min(start + ROWS_AT_ONCE, end)
-            pressure, a, b = (self.columns.slice(f"contacts/{name}", start, stop) for name in ("pressure", "body_a", "body_b"))
+            pressure, a, b = (self._contact_values(name, start, stop) for name in ("pressures", "collider_a", "collider_b"))
             mine = np.isin(a, tips) | np.isin(b, tips) if tips else slice(None)
             peak = float(pressure[mine].max(initial=peak))
         return peak
+
+    def _contact_values(self, name: str, start: int, stop: int) -> AnyArray:
+        """A field of the contacts in some rows of the group."""
+        count = stop - start
+        return recorded_values(FIELD_OF[name], self.contact_columns, lambda c: self.columns.slice(f"contacts/{c}", start, stop), count)
 
     def contacts(self, step: int) -> ContactsState:
         """The contacts of a step."""

@@ -39,12 +39,12 @@ class WorldRecorder:
         """Record the world as it is now, after a step; call it once per step, or now and then.
 
         ``report`` is what the step returned: its figures are recorded too. ``phase`` says in a word or two, of 64 bytes at most, what is going on.
-        Raises ``InvalidValueError`` if the phase is longer, or if bodies came or went since the recording began: a recording has the same ones from
+        Raises ``InvalidValueError`` if the phase is longer, or if bodies or colliders came or went since the recording began: a recording has the same ones from
         start to end.
         """
         if not self._scene.unchanged():
-            hint = "close this recording and begin another after adding or removing bodies"
-            raise InvalidValueError("world", "the bodies that it had when the recording began", "others", hint)
+            hint = "close this recording and begin another after adding or removing some"
+            raise InvalidValueError("world", "the bodies and colliders that it had when the recording began", "others", hint)
         state = self._scene.state(report, phase, moved=self._recorder.wants_deformation(self._scene.world.time))
         self._recorder.append(state, None, report)
 

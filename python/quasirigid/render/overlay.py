@@ -138,7 +138,7 @@ class Overlay:
         arrows: list[tuple[AnyArray, AnyArray, str]] = []
         c = state.contacts
         for finger, tip in enumerate(tips):
-            mine = ((c.body_a == tip) | (c.body_b == tip)) & (c.reactions[:, 0] > 0.0)
+            mine = c.on(tip) & (c.reactions[:, 0] > 0.0)
             if mine.any():
                 centre = np.average(c.points[mine], axis=0, weights=c.reactions[mine, 0])
                 start, end = self._at(centre), self._at(centre + self._metres_per_newton * state.finger_forces[finger])
@@ -192,7 +192,7 @@ class Overlay:
             picture = self._pad(state, tip, side)
             image.paste(picture, (round(x), round(y)))
             pen.rectangle([round(x), round(y), round(x) + side - 1, round(y) + side - 1], outline="#CCCCCC")
-            mine = ((c.body_a == tip) | (c.body_b == tip)) & (c.reactions[:, 0] > 0.0)
+            mine = c.on(tip) & (c.reactions[:, 0] > 0.0)
             slips = int((c.status[mine] == SLIP).sum())
             tx = round(x) + side + 10 * u
             colour = FINGER_COLOURS[finger % 6]
@@ -225,7 +225,7 @@ class Overlay:
         picture = np.where(layer.drawn[..., None], shade(layer, camera.scale, gloss=0.0, hollows=False), 1.0)
         image = Image.fromarray((255.0 * halved(picture) + 0.5).astype(np.uint8))
         c = state.contacts
-        slips = ((c.body_a == tip) | (c.body_b == tip)) & (c.status == SLIP) & (c.reactions[:, 0] > 0.0)
+        slips = c.on(tip) & (c.status == SLIP) & (c.reactions[:, 0] > 0.0)
         pen = ImageDraw.Draw(image)
         places = camera.project(c.points[slips])[:, :2] * camera.scale / 2 * [1.0, -1.0] + side / 2
         ring = max(2.0, 0.022 * side)
@@ -292,7 +292,7 @@ class Overlay:
 
 
 def _title_of(recording: SceneRecording) -> str:
-    objects = [body.name for body in recording.model.bodies if body.kind == "object"]
+    objects = [body.name for body in recording.model.bodies if body.kind == "object" and body.part_of is None]
     name = (
         Path(str(recording.columns.attributes.get("object", objects[0] if objects else "scene"))).stem.replace("-", " ").replace("_", " ")
     )

@@ -97,8 +97,8 @@ class Patch:
 
 def world_patch(contacts: ContactsState, body: int) -> Patch:
     """The contacts of a body, in world axes."""
-    mine = np.flatnonzero((contacts.body_a == body) | (contacts.body_b == body))
-    sign = np.where(contacts.body_a[mine] == body, 1.0, -1.0)[:, None]
+    mine = np.flatnonzero(contacts.on(body))
+    sign = np.where(contacts.collider_a[mine] == body, 1.0, -1.0)[:, None]
     along = contacts.reactions[mine, :1] * contacts.normals[mine]
     areas = contacts.areas[mine]
     return Patch(
