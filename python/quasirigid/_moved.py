@@ -48,7 +48,7 @@ MOVED: dict[str, tuple[str, ...]] = {
     "serving": ("net.serving",),
     "small_figures": ("units",),
     "sparse_matrix": ("arrays.sparse",),
-    "splats": ("render.splats", "render.camera", "render.layer"),
+    "splats": ("render.camera", "render.layer"),
     "state_arrays": ("arrays.read_only",),
     "summary": ("grasp.summary", "rotation", "arrays.types"),
     "supports": ("grasp.support",),
