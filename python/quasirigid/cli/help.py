@@ -8,6 +8,8 @@ from typing import Any, TypeVar
 
 import typer
 
+from quasirigid.cli.option_groups import expanded
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -21,7 +23,9 @@ def command(app: typer.Typer, *examples: tuple[str, str], name: str | None = Non
     def add(function: Function) -> Function:
         summary = cleandoc(function.__doc__ or "")
         # What follows the first paragraph would be dimmed.
-        app.command(name, help=f"{summary}\n\n[not dim][bold]Examples[/bold]\n{lines}[/not dim]" if examples else summary)(function)
+        app.command(name, help=f"{summary}\n\n[not dim][bold]Examples[/bold]\n{lines}[/not dim]" if examples else summary)(
+            expanded(function)
+        )
         return function
 
     return add
