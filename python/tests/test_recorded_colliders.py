@@ -33,7 +33,9 @@ def sphere(x: float = 0.0) -> qr.Surface:
 
 
 def scene() -> tuple[qr.World, qr.Body, qr.Hand]:
-    """A dumbbell of one body and two colliders on a plate; above it a hand with a collider on the second link of a finger, and a ball on it."""
+    """A dumbbell of one body and two colliders on a plate; above it a hand with a collider on the second link of a finger, and a ball on
+    it.
+    """
     world = qr.World(gravity=(0.0, 0.0, -1.0))
     world.add_body(qr.Surface.half_space(0.15, points=900, control_points=90), RUBBER, motion="fixed", name="plate")
     dumbbell = world.add_body(sphere(), RUBBER, mass=0.1, position=(-APART / 2, 0.0, 0.95 * RADIUS), name="dumbbell")

@@ -1,4 +1,6 @@
-"""Recordings of 0.1.0 open: `recordings/recording-0.1.0.h5.gz` was written by that version (four steps of a fingertip on a rubber ball on a table)."""
+"""Recordings of 0.1.0 open: `recordings/recording-0.1.0.h5.gz` was written by that version (four steps of a fingertip on a rubber ball on a
+table).
+"""
 
 import gzip
 from pathlib import Path

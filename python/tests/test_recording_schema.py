@@ -1,4 +1,6 @@
-"""A recording has the columns that its readers need, or it is refused by the name of the column: one schema, checked once, for all readers."""
+"""A recording has the columns that its readers need, or it is refused by the name of the column: one schema, checked once,
+for all readers.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace

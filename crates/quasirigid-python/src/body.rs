@@ -170,8 +170,10 @@ impl Body {
 
     #[doc = doc!("Body.set_drive")]
     #[allow(clippy::too_many_arguments)] // keyword arguments
-    #[pyo3(signature = (position, quaternion = None, *, stiffness, damping, linear_velocity = None, angular_velocity = None, max_pull = None, max_speed = None),
-           text_signature = "($self, position, quaternion=None, *, stiffness, damping, linear_velocity=(0.0, 0.0, 0.0), angular_velocity=(0.0, 0.0, 0.0), max_pull=None, max_speed=None)")]
+    #[pyo3(signature = (position, quaternion = None, *, stiffness, damping, linear_velocity = None, angular_velocity = None,
+                        max_pull = None, max_speed = None),
+           text_signature = "($self, position, quaternion=None, *, stiffness, damping, linear_velocity=(0.0, 0.0, 0.0), \
+                             angular_velocity=(0.0, 0.0, 0.0), max_pull=None, max_speed=None)")]
     fn set_drive(
         &self,
         py: Python<'_>,

@@ -76,8 +76,8 @@ impl Contacts {
     }
 }
 
-/// A getter for every field: its docstring in the stubs, its name, its array and what that holds of `self`. The fields are those of the table in
-/// `python/quasirigid/scene/contact_fields.py`; a test there holds shapes, types, units and docstrings against it.
+/// A getter for every field: its docstring in the stubs, its name, its array and what that holds of `self`. The fields are those of the
+/// table in `python/quasirigid/scene/contact_fields.py`; a test there holds shapes, types, units and docstrings against it.
 macro_rules! getters {
     ($($doc:tt $name:ident -> $array:ty: |$contacts:ident, $py:ident| $value:expr;)+) => {
         #[pymethods]

@@ -1,4 +1,5 @@
-//! What all handles have: two are equal if they name the same body, hand or collider of the same world, and a set or dictionary may hold them.
+//! What all handles have: two are equal if they name the same body, hand or collider of the same world, and a set or dictionary may hold
+//! them.
 
 use crate::body::Body;
 use crate::collider::Collider;

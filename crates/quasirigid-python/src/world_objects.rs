@@ -82,7 +82,8 @@ impl World {
 
     #[doc = doc!("World.add_body")]
     #[allow(clippy::too_many_arguments)] // keyword arguments
-    #[pyo3(signature = (surface, material, *, mass = None, motion = "inertial", position = None, quaternion = None, name = None, viscosity = None),
+    #[pyo3(signature = (surface, material, *, mass = None, motion = "inertial", position = None, quaternion = None, name = None,
+                        viscosity = None),
            text_signature = "($self, surface, material, *, mass=None, motion='inertial', position=(0.0, 0.0, 0.0), \
                              quaternion=(1.0, 0.0, 0.0, 0.0), name=None, viscosity=None)")]
     fn add_body(

@@ -14,7 +14,8 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def command(app: typer.Typer, *examples: tuple[str, str], name: str | None = None) -> Callable[[Function], Function]:
-    """A decorator that adds a function to ``app``. The help is the function's docstring and the ``examples``: a command line each, and what it does.
+    """A decorator that adds a function to ``app``. The help is the function's docstring and the ``examples``: a command line each, and what
+    it does.
 
     ``name`` is that of the command where it is not the function's.
     """

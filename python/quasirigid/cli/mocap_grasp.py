@@ -162,7 +162,9 @@ def mocap_grasp(
 
 
 def as_mocap_grasp(arguments: list[str]) -> list[str]:
-    """The arguments of ``grasp --mocap SOURCE`` as those of ``mocap grasp SOURCE``, for one release and with a warning; others as they are."""
+    """The arguments of ``grasp --mocap SOURCE`` as those of ``mocap grasp SOURCE``, for one release and with a warning;
+    others as they are.
+    """
     if not arguments or arguments[0] != "grasp":
         return arguments
     words = _separated(arguments[1:])

@@ -106,7 +106,9 @@ def check_grasp(recording: Recording) -> None:
 
 
 def contacts_on_object(recording: Recording, step: int) -> dict[str, Any]:
-    """The contacts of a step as the object feels them: ``force`` on it, ``normal`` into it, and ``finger``: the one that touches it, or -1."""
+    """The contacts of a step as the object feels them: ``force`` on it, ``normal`` into it, and ``finger``: the one that
+    touches it, or -1.
+    """
     bodies = described_scene(recording)["bodies"]
     object_index = next((i for i, body in enumerate(bodies) if body["kind"] == "object"), -1)
     if object_index < 0:

@@ -38,7 +38,8 @@ def export_rerun(
 ) -> list[Path]:
     """Write the recording at ``path`` as ``out`` (``.rrd``); return what was written.
 
-    At most ``RATE`` states a second are written, and of these steps each ``every``-th at most. Raises ``MissingPackageError`` without rerun-sdk.
+    At most ``RATE`` states a second are written, and of these steps each ``every``-th at most. Raises ``MissingPackageError`` without
+    rerun-sdk.
     """
     try:
         import rerun as rr

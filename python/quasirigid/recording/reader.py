@@ -7,8 +7,8 @@ the run, or never. A *constant* is there from the start: the shapes of the bodie
 
 The file is written in the single-writer-multiple-readers mode of HDF5, which keeps the file on disk valid at all times.
 Rows are buffered and go to disk block by block, in a thread of their own, so that an append costs microseconds; a run that is killed
-loses what was not written yet. After a clean end any HDF5 tool opens the file. After a kill the file still carries the writer's mark: open it
-with ``Recording(path)``, or with ``h5py.File(path, "r", swmr=True)``.
+loses what was not written yet. After a clean end any HDF5 tool opens the file. After a kill the file still carries the writer's mark: open
+it with ``Recording(path)``, or with ``h5py.File(path, "r", swmr=True)``.
 """
 
 from __future__ import annotations

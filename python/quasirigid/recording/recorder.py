@@ -67,8 +67,8 @@ class Recorder:
         """Create the file at ``path`` with these ``columns``; ``block`` steps are written at a time. An older file there is replaced when
         the first of them are on disk, or by ``close``.
 
-        ``constants`` are arrays by name, written at once; ``columns`` may describe them. Raises ``RecordingError`` where no file can be written,
-        and ``InvalidValueError`` for columns and attributes that no file can have.
+        ``constants`` are arrays by name, written at once; ``columns`` may describe them. Raises ``RecordingError`` where no file can be
+        written, and ``InvalidValueError`` for columns and attributes that no file can have.
         """
         _check(columns, attributes or {}, constants or {}, block)
         self.path = Path(path)
@@ -165,8 +165,8 @@ class Recorder:
     def append(self, row: Mapping[str, Any]) -> None:
         """Add one step: a value for every step column and an array for every ragged one (same length within a group).
 
-        Values may have more digits than their column; nothing else is made to fit. Raises ``InvalidShapeError`` for a row of the wrong shape,
-        ``InvalidValueError`` for values that a column cannot hold, and ``RecordingError`` if earlier rows could not be written.
+        Values may have more digits than their column; nothing else is made to fit. Raises ``InvalidShapeError`` for a row of the wrong
+        shape, ``InvalidValueError`` for values that a column cannot hold, and ``RecordingError`` if earlier rows could not be written.
         """
         self._writer.check()
         filling = self._filling
@@ -240,7 +240,9 @@ class Recorder:
         self._writer.drain()
 
     def discard(self) -> None:
-        """End a recording that nobody wants: nothing of it stays, and an older file keeps its place if there was no step yet to replace it."""
+        """End a recording that nobody wants: nothing of it stays, and an older file keeps its place if there was no step
+        yet to replace it.
+        """
         self._writer.owner.check()
         if self._file:
             self._forgotten.detach()
@@ -249,8 +251,8 @@ class Recorder:
     def close(self, **attributes: Any) -> None:
         """Write what is buffered, mark the recording as complete and add ``attributes`` (dicts and lists become JSON) to the file.
 
-        Raises ``RecordingError`` if something could not be written; the file is closed all the same. Raises ``InvalidValueError`` for attributes
-        that no file can hold, and then the recording goes on. Raises ``ForkError`` in a forked child.
+        Raises ``RecordingError`` if something could not be written; the file is closed all the same. Raises ``InvalidValueError`` for
+        attributes that no file can hold, and then the recording goes on. Raises ``ForkError`` in a forked child.
         """
         self._writer.owner.check()
         if not self._file:

@@ -53,8 +53,8 @@ class SceneRecorder:
     ) -> None:
         """Create the file at ``path`` (an old one is replaced) for the bodies of ``model`` and joints of the shape (fingers, joints).
 
-        ``columns`` are further columns of your own; ``phase`` may be a number with labels (``PHASE_CODES``). ``deformation_rate`` in 1/s of simulated
-        time; infinity writes the deformation in every step.
+        ``columns`` are further columns of your own; ``phase`` may be a number with labels (``PHASE_CODES``). ``deformation_rate`` in 1/s of
+        simulated time; infinity writes the deformation in every step.
         """
         if not deformation_rate > 0.0:
             raise InvalidValueError("deformation_rate", "times a second, above 0", deformation_rate, f"{DEFORMATION_RATE:g} is the default")
@@ -107,7 +107,8 @@ class SceneRecorder:
     def append(self, state: SceneState, row: Mapping[str, Any] | None = None, report: StepReport | None = None) -> None:
         """Add one step. ``row`` holds the values of the further columns, ``report`` what only the engine's report knows.
 
-        Raises ``InvalidShapeError`` for other bodies than those of the model, ``InvalidValueError`` for a phase longer than ``PHASE_BYTES``.
+        Raises ``InvalidShapeError`` for other bodies than those of the model, ``InvalidValueError`` for a phase longer than
+        ``PHASE_BYTES``.
         """
         if len(state.positions) != len(self.model.bodies):
             expected, got = f"{len(self.model.bodies)} bodies, those of the model", f"{len(state.positions)}"
@@ -195,8 +196,8 @@ class SceneRecording:
     def __init__(self, path: str | Path) -> None:
         """Open the recording at ``path``.
 
-        Raises ``RecordingError`` if there is none, if it is something else, if it is too old to hold a scene, or if a column is missing or not
-        as ``scene_columns`` has it.
+        Raises ``RecordingError`` if there is none, if it is something else, if it is too old to hold a scene, or if a column is missing or
+        not as ``scene_columns`` has it.
         """
         self.columns = Recording(path)
         try:

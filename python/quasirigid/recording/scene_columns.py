@@ -12,7 +12,9 @@ from quasirigid.scene.contact_fields import RECORDED_FIELDS, ContactField
 from quasirigid.scene.model import SceneModel
 
 MOVED_RESOLUTION = 2.0**-30
-"""Deformation is recorded to 0.5 nm: half of this, m. The digits below are noise, which cannot be compressed and would be a third of a recording."""
+"""Deformation is recorded to 0.5 nm: half of this, m. The digits below are noise, which cannot be compressed and would be a third of a
+recording.
+"""
 PHASE_BYTES = 64
 """Longest name of a phase, in UTF-8."""
 PHASE_CODES = Column("phase", (), "u1")

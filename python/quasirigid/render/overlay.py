@@ -82,8 +82,8 @@ class Overlay:
         times: tuple[float, float],
         scale: float = 1.0,
     ) -> None:
-        """``camera`` is that of the scene, which is drawn ``scale`` times as large as the world; ``peak`` Pa is the top of the colour scale, 0
-        where nothing is pressed; ``times`` first and last s of the film.
+        """``camera`` is that of the scene, which is drawn ``scale`` times as large as the world; ``peak`` Pa is the top of the colour
+        scale, 0 where nothing is pressed; ``times`` first and last s of the film.
         """
         self._posed_scene, self._scale = posed_scene, scale
         self.recording, self.layout, self.camera, self.peak = recording, layout, camera, peak

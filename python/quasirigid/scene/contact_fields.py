@@ -61,7 +61,8 @@ class ContactField:
 
 STATUS = ("open", "stick", "slip")
 """What becomes of a contact, by its number."""
-# Where contacts are is recorded to 30 nm, their gap to 0.06 nm: half of the resolution. The digits below are noise, which cannot be compressed.
+# Where contacts are is recorded to 30 nm, their gap to 0.06 nm: half of the resolution. The digits below are noise, which cannot be
+# compressed.
 CONTACT_FIELDS = (
     ContactField(
         "points", (3,), "f8", "m", "world", "the control point, where the reaction acts, at the start of the step",

@@ -91,8 +91,8 @@ class SceneModel:
         return [where[f] for f in range(len(self.fingers)) if f in where]
 
     def pushes(self, contacts: ContactsState) -> FloatArray:
-        """(c, 3) N, world: in every contact the force on what is pushed. Fingers push whatever they touch, supports push objects; between two
-        equals it is the force on body b. Which of the two is body a depends on whose surface is sampled finer.
+        """(c, 3) N, world: in every contact the force on what is pushed. Fingers push whatever they touch, supports push objects; between
+        two equals it is the force on body b. Which of the two is body a depends on whose surface is sampled finer.
         """
         rank = np.array([PUSHERS.index(body.kind) for body in self.bodies] + [PUSHERS.index("support")])  # the last is of a collider -1
         on_a = rank[contacts.collider_b] < rank[contacts.collider_a]
@@ -112,8 +112,8 @@ class Moved:
 
 @dataclass(frozen=True, eq=False)
 class ContactsState:
-    """The contacts of a step; row i of every array is contact i. Bodies and colliders are counted as in ``SceneModel.bodies``. The fields are
-    those of ``RECORDED_FIELDS``.
+    """The contacts of a step; row i of every array is contact i. Bodies and colliders are counted as in ``SceneModel.bodies``. The fields
+    are those of ``RECORDED_FIELDS``.
     """
 
     points: FloatArray
@@ -137,8 +137,8 @@ class ContactsState:
     body_b: IntArray
     """(c,) the other body; -1 if it is not drawn."""
     collider_a: IntArray
-    """(c,) the surface of body a that it is on: body a itself, or one of its further colliders; -1 if it is not drawn. In recordings from before it
-    was recorded, body a.
+    """(c,) the surface of body a that it is on: body a itself, or one of its further colliders; -1 if it is not drawn. In recordings from
+    before it was recorded, body a.
     """
     collider_b: IntArray
     """(c,) the other surface; -1 if it is not drawn."""
@@ -197,7 +197,9 @@ class SceneState:
     """By body; a body that is not there has its surface at rest."""
     contacts: ContactsState = field(default_factory=ContactsState.none)
     finger_forces: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
-    """(fingers, 3) sum of the contact forces of each fingertip on whatever it touches, N, world; without those of other surfaces of the finger."""
+    """(fingers, 3) sum of the contact forces of each fingertip on whatever it touches, N, world; without those of other surfaces of the
+    finger.
+    """
     normal_forces: FloatArray = field(default_factory=lambda: np.zeros(0))
     """(fingers,) sum of the normal reactions of each fingertip, N."""
     joint_positions: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))

@@ -18,7 +18,9 @@ FURTHEST = 2.0
 
 
 def sharpened(points: FloatArray, normals: FloatArray, faces: IntArray) -> Mesh:
-    """The mesh with its sharp edges. Points and normals (n, 3) are followed by those on the edges, one for each side, so that shading ends there."""
+    """The mesh with its sharp edges. Points and normals (n, 3) are followed by those on the edges, one for each side, so that shading ends
+    there.
+    """
     corner, normal = points[faces], normals[faces]
     bends = np.stack([np.einsum("ij,ij->i", normal[:, k], normal[:, (k + 1) % 3]) < np.cos(TURN) for k in range(3)], axis=1)
     count = bends.sum(axis=1)

@@ -25,8 +25,8 @@ class WorldScene:
     def __init__(
         self, world: World, bodies: Sequence[Body] | None = None, hands: Sequence[Hand] | None = None, pads: Sequence[Body] = ()
     ) -> None:
-        """``bodies`` and ``hands`` are those to draw; ``None`` draws all that are in the world now. ``pads`` are those of the bodies that are
-        fingertips without a hand: fingers before those of the hands.
+        """``bodies`` and ``hands`` are those to draw; ``None`` draws all that are in the world now. ``pads`` are those of the bodies that
+        are fingertips without a hand: fingers before those of the hands.
         """
         self.world = world
         self.bodies = list(world.bodies if bodies is None else bodies)
@@ -87,7 +87,9 @@ class WorldScene:
         return same and self.world.colliders == self._colliders
 
     def state(self, report: StepReport | None = None, phase: str = "", *, moved: bool = True) -> SceneState:
-        """The world now. ``report`` is that of the last step; without ``moved`` the surfaces are left out, which saves a third of the time."""
+        """The world now. ``report`` is that of the last step; without ``moved`` the surfaces are left out, which saves a
+        third of the time.
+        """
         positions, quaternions = np.zeros((len(self._carriers), 3)), np.zeros((len(self._carriers), 4))
         displaced: dict[int, Moved] = {}
         links: dict[Body | Hand, FloatArray] = {hand: hand.link_poses for hand in self.hands}
@@ -146,7 +148,9 @@ def forces_of(contacts: ContactsState, tips: Sequence[int]) -> tuple[FloatArray,
 
 
 def joint_rows(hands: Sequence[FloatArray]) -> FloatArray:
-    """Joint positions (fingers, joints) rad of several hands, each (its fingers, its joints): one row a finger, NaN beyond its last joint."""
+    """Joint positions (fingers, joints) rad of several hands, each (its fingers, its joints): one row a finger, NaN beyond
+    its last joint.
+    """
     rows = np.full((sum(len(hand) for hand in hands), max((hand.shape[1] for hand in hands), default=0)), np.nan)
     first = 0
     for hand in hands:
@@ -156,7 +160,9 @@ def joint_rows(hands: Sequence[FloatArray]) -> FloatArray:
 
 
 def _places(numbers: dict[int, int]) -> IntArray:
-    """The views of bodies or colliders by their numbers, as an array; -1 for those that are not drawn, the last of them for all numbers beyond."""
+    """The views of bodies or colliders by their numbers, as an array; -1 for those that are not drawn, the last of them for all numbers
+    beyond.
+    """
     places = np.full(max(numbers, default=0) + 2, -1, dtype=np.int64)
     places[list(numbers)] = list(numbers.values())
     return places

@@ -116,7 +116,9 @@ class SceneWire:
         return np.rint(255.0 * np.clip(share, 0.0, 1.0)).astype(np.uint8)
 
     def _forces(self, state: SceneState) -> dict[str, npt.NDArray[Any]]:
-        """Arrows from pads into what they touch: ``contacts`` (c, 6) with their ``status`` (c,), and ``sums`` (fingers, 6): point m, force N, world."""
+        """Arrows from pads into what they touch: ``contacts`` (c, 6) with their ``status`` (c,), and ``sums`` (fingers, 6): point m, force
+        N, world.
+        """
         c = state.contacts
         on_tip, by_tip = np.isin(c.collider_a, self._tips), np.isin(c.collider_b, self._tips)
         mine = (on_tip | by_tip) & (c.reactions[:, 0] > LOADED)
