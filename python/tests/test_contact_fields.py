@@ -10,8 +10,8 @@ from recorded import pinch
 
 import quasirigid as qr
 from quasirigid.recording.export import tables
-from quasirigid.recording.scene import SceneRecording
 from quasirigid.recording.scene_columns import contact_column
+from quasirigid.recording.scene_recording import SceneRecording
 from quasirigid.scene.contact_fields import CONTACT_FIELDS, EXPORTED_FIRST, RECORDED_FIELDS, ContactField
 from quasirigid.scene.model import ContactsState
 

@@ -14,7 +14,7 @@ from quasirigid.errors import InvalidValueError, MissingPackageError
 from quasirigid.recording import export, window
 from quasirigid.recording.export import export_tables
 from quasirigid.recording.export_rerun import export_rerun
-from quasirigid.recording.scene import SceneRecording
+from quasirigid.recording.scene_recording import SceneRecording
 
 STEPS = 200
 WITHOUT_UNIT = {"step", "phase", "contacts", "sweeps", "residual", "converged", "coarse", "quarantined", "frame", "finger", "status"}

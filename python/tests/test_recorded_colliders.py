@@ -14,7 +14,7 @@ import quasirigid as qr
 from quasirigid.errors import InvalidValueError
 from quasirigid.live.draw import SceneDrawing
 from quasirigid.recording.export import export_tables
-from quasirigid.recording.scene import SceneRecording
+from quasirigid.recording.scene_recording import SceneRecording
 from quasirigid.render.pictures import Renderer, RenderOptions
 from quasirigid.rotation import rotate
 from quasirigid.scene.model import SceneModel, SceneState

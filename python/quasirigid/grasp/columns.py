@@ -13,9 +13,9 @@ from quasirigid._quasirigid import Body, Hand
 from quasirigid.arrays.types import FloatArray
 from quasirigid.grasp.summary import PHASES
 from quasirigid.recording.file import damaged
-from quasirigid.recording.model import described_scene, read_model
 from quasirigid.recording.reader import Column, Recording
 from quasirigid.recording.scene_columns import check_scene
+from quasirigid.recording.scene_model import described_scene, read_model
 from quasirigid.recording.schema import ANY, check_columns
 from quasirigid.scene.model import ContactsState
 

@@ -23,7 +23,7 @@ from quasirigid.grasp.columns import columns, contact_sums, still_columns, still
 from quasirigid.grasp.options import GraspOptions
 from quasirigid.grasp.setup import GRAVITY, GraspTarget, Stage
 from quasirigid.grasp.summary import PHASES
-from quasirigid.recording.scene import SceneRecorder
+from quasirigid.recording.scene_recorder import SceneRecorder
 from quasirigid.rotation import conjugate, quaternion_of, rotate
 from quasirigid.scene.built_in_hand import FINGER_SPACING
 from quasirigid.scene.world import WorldScene

@@ -34,7 +34,7 @@ from quasirigid.mocap.real_time_clock import RealTimeClock, undisturbed
 from quasirigid.mocap.reset import WAITS, Reset, pose_of
 from quasirigid.mocap.source import Source
 from quasirigid.recording.reader import Column
-from quasirigid.recording.scene import SceneRecorder
+from quasirigid.recording.scene_recorder import SceneRecorder
 from quasirigid.scene.model import SceneState, TrackedHand
 from quasirigid.scene.world import WorldScene
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from quasirigid._quasirigid import STAGES
 from quasirigid.errors import MissingPackageError
-from quasirigid.recording.scene import SceneRecording
+from quasirigid.recording.scene_recording import SceneRecording
 from quasirigid.recording.window import window_of
 from quasirigid.scene.contact_fields import EXPORTED_FIRST, FIELD_OF, RECORDED_FIELDS, recorded_values
 

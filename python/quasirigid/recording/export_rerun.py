@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from quasirigid.errors import MissingPackageError
-from quasirigid.recording.scene import SceneRecording
 from quasirigid.recording.scene_columns import frames_of
+from quasirigid.recording.scene_recording import SceneRecording
 from quasirigid.recording.window import window_of
 from quasirigid.rotation import rotate
 from quasirigid.scene.model import SceneState

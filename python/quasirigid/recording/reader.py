@@ -28,8 +28,9 @@ from quasirigid.recording.file import RecordingFile, Stored, damaged
 
 FORMAT = "quasirigid-recording"
 VERSION = 4
-"""1 (2026): a grasp without what a replay needs. 2: every column of a replay; contacts as the engine has them, see ``recording.scene``.
-3: texts have a fixed length; the control point of every contact; material and mass of every body.
+"""1 (2026): a grasp without what a replay needs. 2: every column of a replay; contacts as the engine has them, see
+``quasirigid.scene.contact_fields``. 3: texts have a fixed length; the control point of every contact; material and mass of every body.
+4: every collider of a body, and those of every contact.
 """
 RAGGED = "ragged"
 STILL = "still: one row, or none if the run did not get there"

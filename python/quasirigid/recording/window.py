@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from quasirigid.errors import InvalidValueError
-from quasirigid.recording.scene import SceneRecording
+from quasirigid.recording.scene_recording import SceneRecording
 
 BLOCK = 500
 """Steps written at a time."""

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from PIL import Image, ImageDraw, ImageFont
 
 from quasirigid.arrays.types import AnyArray
-from quasirigid.recording.scene import SceneRecording
+from quasirigid.recording.scene_recording import SceneRecording
 from quasirigid.render.camera import Camera
 from quasirigid.render.layer import halved, shade
 from quasirigid.render.media import Frame

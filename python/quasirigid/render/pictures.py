@@ -20,7 +20,7 @@ import numpy as np
 
 from quasirigid.arrays.types import AnyArray
 from quasirigid.errors import InvalidShapeError, InvalidValueError, UnknownNameError
-from quasirigid.recording.scene import SceneRecording
+from quasirigid.recording.scene_recording import SceneRecording
 from quasirigid.recording.window import check_times, span
 from quasirigid.render.camera import Camera
 from quasirigid.render.fonts import quiet_fonts

@@ -9,7 +9,7 @@ from typing import Any
 
 from quasirigid._quasirigid import Body, StepReport, World
 from quasirigid.errors import InvalidValueError
-from quasirigid.recording.scene import DEFORMATION_RATE, SceneRecorder
+from quasirigid.recording.scene_recorder import DEFORMATION_RATE, SceneRecorder
 from quasirigid.scene.world import WorldScene
 
 
