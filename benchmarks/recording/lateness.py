@@ -19,7 +19,7 @@ import numpy as np
 
 from quasirigid.grasp.experiment import Grasp
 from quasirigid.grasp.options import GraspOptions
-from quasirigid.recording.scene import SceneRecorder
+from quasirigid.recording.scene_recorder import SceneRecorder
 
 
 class Timed:

@@ -1,7 +1,8 @@
 //! The docstrings of the compiled module, so that `help()` says what editors read in the stubs.
 //!
 //! They are written once, in `python/quasirigid/_quasirigid.pyi`. This makes a macro of them: `doc!("Surface.box")` is the text there.
-//! The file is laid out by `ruff format`, so that lines and indents tell what a parser would. Whether all of it arrives is tested in Python.
+//! The file is laid out by `ruff format`, so that lines and indents tell what a parser would. Whether all of it arrives is tested in
+//! Python.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;

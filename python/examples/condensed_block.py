@@ -3,11 +3,12 @@
     python python/examples/condensed_block.py
 
 A surface knows nothing of what lies below it but its compliance: how far each control point gives under a force at each. For a
-finite-element model that is a part of the inverse of its stiffness matrix, and any symmetric positive semidefinite matrix will do. Here it is a block of
-bricks, clamped at the bottom; the control points are nodes of its top.
+finite-element model that is a part of the inverse of its stiffness matrix, and any symmetric positive semidefinite matrix will do. Here it
+is a block of bricks, clamped at the bottom; the control points are nodes of its top.
 
-A block is stiffer than a half-space because it ends: by 6 % at 16 contact radii deep, 27 % at 4. In its middle that is a sinking that is missing everywhere alike.
-A linear load case tells how much, without any contact; pressed as much deeper, the half-space model has the same force and the same pressures.
+A block is stiffer than a half-space because it ends: by 6 % at 16 contact radii deep, 27 % at 4. In its middle that is a sinking that is
+missing everywhere alike. A linear load case tells how much, without any contact; pressed as much deeper, the half-space model has the same
+force and the same pressures.
 """
 
 from __future__ import annotations
@@ -33,9 +34,11 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Quarter:
-    """The quarter x, y >= 0 of a block of bricks below z = 0: coordinates (m) of the planes of nodes along each axis, ascending; z ends at 0.
+    """The quarter x, y >= 0 of a block of bricks below z = 0: coordinates (m) of the planes of nodes along each axis, ascending; z ends at
+    0.
 
-    The block is its own mirror image in x = 0 and in y = 0, so a displacement is the sum of four that are even or odd in either, and each of those needs a quarter of the nodes.
+    The block is its own mirror image in x = 0 and in y = 0, so a displacement is the sum of four that are even or odd in either, and each
+    of those needs a quarter of the nodes.
     """
 
     x: Array
@@ -44,7 +47,9 @@ class Quarter:
 
     @classmethod
     def graded(cls, depth: float, steps: int) -> Quarter:
-        """Of a block ``depth`` m deep and twice as wide: around the patch elements of ``FINE / steps`` m, half as high, then growing outwards by half."""
+        """Of a block ``depth`` m deep and twice as wide: around the patch elements of ``FINE / steps`` m, half as high, then growing
+        outwards by half.
+        """
         element = FINE / steps
         out = _graded(depth, element, steps)
         return cls(STRETCH * out, out, -_graded(depth, element / 2, 2 * steps)[::-1])
@@ -64,8 +69,8 @@ class Quarter:
     def stiffness(self, young_modulus: float, poisson_ratio: float) -> sparse.csc_matrix:
         """Stiffness matrix of linear elasticity, N/m: 2 x 2 x 2 Gauss points in every brick.
 
-        Trilinear bricks with the three bubbles ``1 - s^2`` for each component besides (Wilson's incompatible modes, which pass the patch test on
-        rectangular bricks), so that strains vary linearly within a brick; the bubbles are eliminated brick by brick.
+        Trilinear bricks with the three bubbles ``1 - s^2`` for each component besides (Wilson's incompatible modes, which pass the patch
+        test on rectangular bricks), so that strains vary linearly within a brick; the bubbles are eliminated brick by brick.
         """
         lame = young_modulus * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
         shear = young_modulus / (2 * (1 + poisson_ratio))
@@ -98,7 +103,8 @@ class Quarter:
     def free(self, parity: tuple[int, int]) -> npt.NDArray[np.bool_]:
         """Which of the (nx ny, 3) unknowns of a layer can move if the displacement is even (1) or odd (-1) in x and y.
 
-        Even in x means that u_y and u_z are the same on both sides and u_x is opposite, so u_x = 0 on the mirror; odd is the other way round.
+        Even in x means that u_y and u_z are the same on both sides and u_x is opposite, so u_x = 0 on the mirror; odd is the other way
+        round.
         """
         on_mirror = [np.repeat(self.x == 0, len(self.y)), np.tile(self.y == 0, len(self.x))]
         held = [[on_mirror[axis] & ((parity[axis] > 0) == (k == axis)) for axis in (0, 1)] for k in range(3)]
@@ -137,10 +143,12 @@ def _inverse(stiffness: Array) -> Array:
 
 
 def condensed(block: Quarter, surface: qr.Surface, young_modulus: float, poisson_ratio: float) -> Array:
-    """Compliance (3m, 3m) m/N of the top of a block, clamped at its bottom, over the m control points of a surface: they are nodes of the top.
+    """Compliance (3m, 3m) m/N of the top of a block, clamped at its bottom, over the m control points of a surface: they are nodes of the
+    top.
 
-    ``C = N K^-1 N^T``, with ``N`` picking the nodes, falls into four parts, even or odd in x and y; ``K`` of the whole block is four times that of the quarter. A force
-    on a node is the pressure of its shape function: the surface sinks in by a finite amount, the finer the mesh the deeper, as under a smaller stamp.
+    ``C = N K^-1 N^T``, with ``N`` picking the nodes, falls into four parts, even or odd in x and y; ``K`` of the whole block is four times
+    that of the quarter. A force on a node is the pressure of its shape function: the surface sinks in by a finite amount, the finer the
+    mesh the deeper, as under a smaller stamp.
     """
     stiffness = block.stiffness(young_modulus, poisson_ratio)
     points = surface.control_points
@@ -159,7 +167,8 @@ def condensed(block: Quarter, surface: qr.Surface, young_modulus: float, poisson
 
 
 def top_surface(steps: int) -> qr.Surface:
-    """The piece of the top that the ball may touch: a grid of ``(2 steps)^2`` control points, one for each node, and four surface points around each.
+    """The piece of the top that the ball may touch: a grid of ``(2 steps)^2`` control points, one for each node, and four surface points
+    around each.
 
     ``steps`` is a power of two, so that the tree of the surface, which halves and halves again, ends at those four.
     """
@@ -218,7 +227,9 @@ def hertz_force(depth: float = DEPTH) -> float:
 
 
 def sinking(r: Array, a: float = CONTACT_RADIUS) -> Array:
-    """How far a half-space sinks in (m) at the distances r (m) from the middle of a Hertz pressure of radius a (m) and 1 N; Johnson, equations 3.42a and b."""
+    """How far a half-space sinks in (m) at the distances r (m) from the middle of a Hertz pressure of radius a (m) and 1 N; Johnson,
+    equations 3.42a and b.
+    """
     out = np.maximum(r, a)
     inside = np.pi / 2 * (2 * a**2 - r**2)
     outside = (2 * a**2 - r**2) * np.arcsin(a / out) + a * np.sqrt(out**2 - a**2)
@@ -228,8 +239,9 @@ def sinking(r: Array, a: float = CONTACT_RADIUS) -> Array:
 def held_back(compliance: Array, surface: qr.Surface) -> tuple[float, float]:
     """A block under a Hertz pressure of 1 N beside a half-space: linear, without any contact.
 
-    A block that ends somewhere sinks in less, and in its middle by nearly the same everywhere: what is missing is made far from the load. Returns how much (m/N, mean
-    over the load), and how far the shape of the dent in the inner three quarters of the load is off beside that, as a share of its depth.
+    A block that ends somewhere sinks in less, and in its middle by nearly the same everywhere: what is missing is made far from the load.
+    Returns how much (m/N, mean over the load), and how far the shape of the dent in the inner three quarters of the load is off beside
+    that, as a share of its depth.
     """
     r = np.hypot(surface.control_points[:, 0], surface.control_points[:, 1])
     side = np.sqrt(surface.control_areas[0] / STRETCH)
@@ -274,7 +286,9 @@ class Comparison:
 
 
 def compare(depth: float, steps: int = 8) -> Comparison:
-    """Presses the ball into a block ``depth`` contact radii deep, and into the half-space model; ``steps`` bricks from the middle of the top to the border of what is touched."""
+    """Presses the ball into a block ``depth`` contact radii deep, and into the half-space model; ``steps`` bricks from the middle of the
+    top to the border of what is touched.
+    """
     surface, material = top_surface(steps), block_material()
     block = Quarter.graded(depth * CONTACT_RADIUS, steps)
     matrix = condensed(block, surface, YOUNG_MODULUS, POISSON_RATIO)
@@ -292,7 +306,8 @@ def main() -> None:
     parser.add_argument("--depths", type=float, nargs="+", default=[4, 8, 16], help="of the blocks, contact radii (4 8 16)")
     options = parser.parse_args()
     print(
-        f"a ball of {RADIUS * 1e3:g} mm pressed {DEPTH * 1e3:g} mm into blocks; contact radius {CONTACT_RADIUS * 1e3:.2f} mm, depths in contact radii"
+        f"a ball of {RADIUS * 1e3:g} mm pressed {DEPTH * 1e3:g} mm into blocks; "
+        f"contact radius {CONTACT_RADIUS * 1e3:.2f} mm, depths in contact radii"
     )
     print("depth  force of Hertz  held back by the ends  force of the half-space, pressed deeper  pressure off  dent off")
     for depth in options.depths:

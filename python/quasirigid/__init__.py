@@ -56,8 +56,8 @@ if TYPE_CHECKING:
     from quasirigid.objects import ObjectGeometry, load_object
     from quasirigid.recording import Column, Recording
     from quasirigid.recording.recorder import Recorder
-    from quasirigid.recording.scene import SceneRecording
-    from quasirigid.recording.world import record
+    from quasirigid.recording.scene_recording import SceneRecording
+    from quasirigid.recording.world_recorder import record
     from quasirigid.solver import ContactProblem, solve_contacts
     from quasirigid.view import open_view as view
 
@@ -120,10 +120,10 @@ _MODULE_OF = {
     "ObjectGeometry": "objects",
     "Recorder": "recording.recorder",
     "Recording": "recording",
-    "SceneRecording": "recording.scene",
+    "SceneRecording": "recording.scene_recording",
     "load_object": "objects",
     "plan_grasp": "grasp.plan",
-    "record": "recording.world",
+    "record": "recording.world_recorder",
     "solve_contacts": "solver",
 }
 _MODULES = ("grasp", "mocap", "objects", "recording", "solver", "view")

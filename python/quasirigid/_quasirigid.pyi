@@ -7,12 +7,13 @@ properties that are state (all of ``Body``, ``Hand`` and ``World``) or part of a
 ``HandModel``, ``Calibration``): those are read-only, for nothing would come of a change. Writing into one raises ``InvalidValueError``,
 which says what to do instead; ``.copy()`` is yours. ``hand.joint_targets += 0.1`` works, for it assigns.
 
-``Surface``, ``MassProperties``, ``ComplianceMatrix``, ``Friction``, ``Material``, ``HandModel``, ``Calibration``, ``HandFrame`` and ``Take`` are
-values: they never change, are equal if their contents are, can be keys, copied and pickled (a surface is built again, to the same bits).
-Two ``Body`` or ``Hand`` objects of one body or hand are equal, and are the same key.
+``Surface``, ``MassProperties``, ``ComplianceMatrix``, ``Friction``, ``Material``, ``HandModel``, ``Calibration``, ``HandFrame`` and
+``Take`` are values: they never change, are equal if their contents are, can be keys, copied and pickled (a surface is built again, to the
+same bits). Two ``Body`` or ``Hand`` objects of one body or hand are equal, and are the same key.
 
-After ``os.fork`` (``multiprocessing`` with its default on Linux up to Python 3.13) all of this works in the child, worlds of the parent too. What
-works through a thread of the parent (``Receiver``, ``Replay``, ``TakeWriter``), or was in use by one at the fork, raises ``ForkError`` there.
+After ``os.fork`` (``multiprocessing`` with its default on Linux up to Python 3.13) all of this works in the child, worlds of the parent
+too. What works through a thread of the parent (``Receiver``, ``Replay``, ``TakeWriter``), or was in use by one at the fork, raises
+``ForkError`` there.
 
 Errors come from ``quasirigid.errors`` and say what was expected, what came and what to do:
 ``InvalidValueError`` (NaN, infinity, wrong sign or range), ``InvalidShapeError``, ``DegenerateSurfaceError``,
@@ -156,12 +157,12 @@ class ComplianceMatrix:
     """
 
     def __init__(self, matrix: npt.ArrayLike) -> None:
-        """``matrix`` (3m, 3m) m/N: displacement of every control point under a unit force at each. Row and column ``3 i + k`` are axis ``k``
-        (x, y, z of the body frame) of ``Surface.control_points[i]``.
+        """``matrix`` (3m, 3m) m/N: displacement of every control point under a unit force at each. Row and column ``3 i + k`` are axis
+        ``k`` (x, y, z of the body frame) of ``Surface.control_points[i]``.
 
-        It must be symmetric (within 1e-8 of its largest entry; the symmetric part is kept) and positive semidefinite (no eigenvalue below -1e-9 of
-        that entry); to check takes about two seconds for 1,000 control points, and milliseconds for 100. Raises ``InvalidShapeError`` or
-        ``InvalidValueError``, which say what was found.
+        It must be symmetric (within 1e-8 of its largest entry; the symmetric part is kept) and positive semidefinite (no eigenvalue below
+        -1e-9 of that entry); to check takes about two seconds for 1,000 control points, and milliseconds for 100. Raises
+        ``InvalidShapeError`` or ``InvalidValueError``, which say what was found.
         """
     @property
     def matrix(self) -> FloatArray:
@@ -327,14 +328,16 @@ class Body:
         """The number that ``Contacts.body_a`` and ``Contacts.body_b`` speak of; it may change when a body is removed."""
     @property
     def quarantined(self) -> bool:
-        """Whether it was set aside because it went non-finite, or would have moved by more than 100 m in a step: it neither moves nor touches any more."""
+        """Whether it was set aside because it went non-finite, or would have moved by more than 100 m in a step: it neither
+        moves nor touches any more.
+        """
     @property
     def mass(self) -> float:
         """kg; 0 for a fixed body."""
     @property
     def colliders(self) -> list[Collider]:
-        """The surfaces that it carries, in the order in which they were added. That of ``World.add_body`` is the first; ``surface``, ``material``,
-        ``deformed_points``, ``deformed_normals``, ``moved_points`` and ``displacements`` are those of the first.
+        """The surfaces that it carries, in the order in which they were added. That of ``World.add_body`` is the first; ``surface``,
+        ``material``, ``deformed_points``, ``deformed_normals``, ``moved_points`` and ``displacements`` are those of the first.
         """
     @property
     def surface(self) -> Surface | None:
@@ -372,8 +375,8 @@ class Body:
         Raises ``InvalidHandleError`` for a body that is not fixed.
         """
     def set_pose(self, position: npt.ArrayLike, quaternion: npt.ArrayLike | None = None) -> None:
-        """Put the body elsewhere at once, without friction on the way: ``position`` (3,) m, ``quaternion`` (4,), unchanged if left out. A free body
-        keeps its velocities, a fixed one is at rest.
+        """Put the body elsewhere at once, without friction on the way: ``position`` (3,) m, ``quaternion`` (4,), unchanged if left out. A
+        free body keeps its velocities, a fixed one is at rest.
         """
     def set_drive(
         self,
@@ -389,9 +392,9 @@ class Body:
     ) -> None:
         """Pull the body to a pose by a damped spring, integrated implicitly: any stiffness is stable.
 
-        ``stiffness`` (2,): N/m, N m/rad; ``damping`` (2,): N s/m, N m s/rad. ``max_pull`` (2,): N, N m, most that it pulls with, however far the target;
-        ``max_speed`` (2,): m/s, rad/s, most speed that it draws with a body that nothing else moves (where the damping is too little for that it is raised).
-        Without a limit where left out. Raises ``InvalidValueError`` for a limit that is not above 0.
+        ``stiffness`` (2,): N/m, N m/rad; ``damping`` (2,): N s/m, N m s/rad. ``max_pull`` (2,): N, N m, most that it pulls with, however
+        far the target; ``max_speed`` (2,): m/s, rad/s, most speed that it draws with a body that nothing else moves (where the damping is
+        too little for that it is raised). Without a limit where left out. Raises ``InvalidValueError`` for a limit that is not above 0.
         """
     def clear_drive(self) -> None:
         """Let go of the spring of ``set_drive``."""
@@ -410,14 +413,15 @@ class Collider:
     """A surface on a link of a body: what touches. Made by ``World.add_body``, ``World.add_hand`` and ``World.add_collider``; raises
     ``InvalidHandleError`` once it, or its body, was removed.
 
-    Two colliders of one body never touch each other, nor do two that are fixed, nor fingers of one hand. Others may if each of them meets a group of the
-    other, ``a.mask & b.group and b.mask & a.group``, and the pair is not excluded (``World.exclude``). By default everything meets everything.
+    Two colliders of one body never touch each other, nor do two that are fixed, nor fingers of one hand. Others may if each of them meets a
+    group of the other, ``a.mask & b.group and b.mask & a.group``, and the pair is not excluded (``World.exclude``). By default everything
+    meets everything.
     """
 
     @property
     def id(self) -> int:
-        """The number that ``Contacts.collider_a`` and ``Contacts.collider_b`` speak of. It stays the same for as long as the collider is there; later it may be that
-        of another.
+        """The number that ``Contacts.collider_a`` and ``Contacts.collider_b`` speak of. It stays the same for as long as the collider is
+        there; later it may be that of another.
         """
     @property
     def body(self) -> Body | Hand:
@@ -438,8 +442,8 @@ class Collider:
     def material(self, value: Material) -> None: ...
     @property
     def group(self) -> int:
-        """The groups that it belongs to, one for each bit of 32. Settable: where it may no longer touch what it is in contact with, the contact
-        ends with the next step, and what is elastically displaced relaxes.
+        """The groups that it belongs to, one for each bit of 32. Settable: where it may no longer touch what it is in contact with, the
+        contact ends with the next step, and what is elastically displaced relaxes.
         """
     @group.setter
     def group(self, value: int) -> None: ...
@@ -450,6 +454,8 @@ class Collider:
     def mask(self, value: int) -> None: ...
     def deformed_points(self) -> FloatArray:
         """Points of the surface as deformed now, (n, 3) m, world."""
+    def moved_points(self) -> tuple[npt.NDArray[np.uint32], FloatArray]:
+        """The points of the surface that are displaced: their indices (k,) and where they are, (k, 3) m, frame of the link."""
     def displacements(self) -> FloatArray:
         """Elastic displacement ``u`` at the control points, (m, 3) m, frame of the link."""
     def remove(self) -> None:
@@ -503,8 +509,8 @@ class Hand:
         link frame to world. A straight finger hangs along -z of these frames, palmar side towards +x.
         """
     def blocked_forces(self, joint_targets: npt.ArrayLike) -> FloatArray:
-        """Force with which the middle of each pad would press on something that holds it where it is now, if its controllers had the targets
-        ``joint_targets`` (fingers, joints) rad: (fingers, 3) N, world. Without damping, weight and torque limits.
+        """Force with which the middle of each pad would press on something that holds it where it is now, if its controllers had the
+        targets ``joint_targets`` (fingers, joints) rad: (fingers, 3) N, world. Without damping, weight and torque limits.
         """
     def inverse_kinematics(self, finger: int, position: npt.ArrayLike, normal: npt.ArrayLike) -> FloatArray:
         """Joint positions (joints,) rad that bring the pad's apex of ``finger`` to ``position`` (3,) m with the pad facing
@@ -520,9 +526,10 @@ class Hand:
         angle_weight: float = 0.005,
         iterations: int = 20,
     ) -> tuple[FloatArray, float]:
-        """As near as the finger comes to a goal of ``inverse_kinematics``, within the joint limits: joint positions (joints,) rad, and by how much
-        the pad's apex misses ``position``, m. For a goal that moves from step to step: a few steps from ``start`` (joints,) rad, by default the
-        joint targets, and no search elsewhere. ``angle_weight`` m/rad says how much a wrong direction counts against a wrong place.
+        """As near as the finger comes to a goal of ``inverse_kinematics``, within the joint limits: joint positions (joints,) rad, and by
+        how much the pad's apex misses ``position``, m. For a goal that moves from step to step: a few steps from ``start`` (joints,) rad,
+        by default the joint targets, and no search elsewhere. ``angle_weight`` m/rad says how much a wrong direction counts against a wrong
+        place.
         """
     def reach_all(
         self,
@@ -534,9 +541,9 @@ class Hand:
         iterations: int = 20,
         step_tolerance: float = 1e-12,
     ) -> tuple[FloatArray, FloatArray]:
-        """``reach`` for all fingers at once: ``positions`` (fingers, 3) m and ``normals`` (fingers, 3), hand frame, ``start`` (fingers, joints) rad.
-        Joint positions (fingers, joints) rad, and by how much they miss (fingers,) m. A search ends when no joint moves by more than
-        ``step_tolerance`` (rad) any more.
+        """``reach`` for all fingers at once: ``positions`` (fingers, 3) m and ``normals`` (fingers, 3), hand frame, ``start`` (fingers,
+        joints) rad. Joint positions (fingers, joints) rad, and by how much they miss (fingers,) m. A search ends when no joint moves by
+        more than ``step_tolerance`` (rad) any more.
         """
     def deformed_points(self, finger: int) -> FloatArray:
         """Points of the fingertip as deformed now, (n, 3) m, world."""
@@ -609,8 +616,8 @@ class Grip:
             world.restore(before)
             grip.restore(grip_before)
 
-        A copy that goes on by itself: ``copy.deepcopy((world, grip))``, both in one call, and the new grip closes the hand of the new world. Grips
-        are pickled together with their world.
+        A copy that goes on by itself: ``copy.deepcopy((world, grip))``, both in one call, and the new grip closes the hand of the new
+        world. Grips are pickled together with their world.
 
         Raises ``InvalidHandleError`` for a grip of another hand.
         """
@@ -635,25 +642,25 @@ class Contacts:
         """(n, 3) m, world: the control point, where the reaction acts, at the start of the step."""
     @property
     def normals(self) -> FloatArray:
-        """(n, 3) unit, world, from body b to body a: a positive normal force pushes body a along it."""
+        """(n, 3) world: unit normal from body b to body a; a positive normal force pushes body a along it."""
     @property
     def frames(self) -> FloatArray:
-        """(n, 3, 3) world; columns are (normal, tangent1, tangent2)."""
-    @property
-    def gaps(self) -> FloatArray:
-        """(n,) m after the step; > 0 is apart."""
-    @property
-    def reactions(self) -> FloatArray:
-        """(n, 3) N in the contact frame (normal, tangent1, tangent2)."""
+        """(n, 3, 3) world: columns are (normal, tangent1, tangent2)."""
     @property
     def forces(self) -> FloatArray:
-        """(n, 3) N, world, on body a; body b gets the opposite."""
+        """(n, 3) N, world: on body a; body b gets the opposite."""
     @property
-    def areas(self) -> FloatArray:
-        """(n,) m^2 of the control point."""
+    def reactions(self) -> FloatArray:
+        """(n, 3) N, contact frame: normal, tangent1, tangent2."""
+    @property
+    def gaps(self) -> FloatArray:
+        """(n,) m, contact frame: after the step; > 0 is apart."""
     @property
     def pressures(self) -> FloatArray:
-        """(n,) Pa, normal force over area."""
+        """(n,) Pa: normal force over area."""
+    @property
+    def areas(self) -> FloatArray:
+        """(n,) m^2: of the control point."""
     @property
     def friction(self) -> FloatArray:
         """(n,) friction coefficient, along tangent1. Falls with slip speed if the pair's kinetic coefficient is lower."""
@@ -662,28 +669,28 @@ class Contacts:
         """(n,) friction coefficient along tangent2 over that along tangent1: 1 unless friction has a direction."""
     @property
     def status(self) -> npt.NDArray[np.uint8]:
-        """(n,) values of ``ContactStatus``."""
+        """(n,) 0 open, 1 stick, 2 slip, as ``ContactStatus``."""
     @property
     def body_a(self) -> npt.NDArray[np.uint32]:
-        """(n,) index of the body whose control point it is."""
-    @property
-    def body_b(self) -> npt.NDArray[np.uint32]:
-        """(n,) index of the other body."""
+        """(n,) index of a body: the body whose control point it is."""
     @property
     def link_a(self) -> npt.NDArray[np.uint32]:
         """(n,) link of body a that carries the control point, from 0; 0 for a rigid body."""
     @property
+    def collider_a(self) -> npt.NDArray[np.uint32]:
+        """(n,) ``Collider.id``: the surface whose control point it is; unlike ``body_a`` it does not change when a body is removed."""
+    @property
+    def control_point(self) -> npt.NDArray[np.uint32]:
+        """(n,) which control point of the surface of collider a it is."""
+    @property
+    def body_b(self) -> npt.NDArray[np.uint32]:
+        """(n,) index of a body: the other body."""
+    @property
     def link_b(self) -> npt.NDArray[np.uint32]:
         """(n,) link of body b."""
     @property
-    def collider_a(self) -> npt.NDArray[np.uint32]:
-        """(n,) ``Collider.id`` of the surface whose control point it is: unlike ``body_a`` it does not change when a body is removed."""
-    @property
     def collider_b(self) -> npt.NDArray[np.uint32]:
-        """(n,) ``Collider.id`` of the other surface."""
-    @property
-    def control_point(self) -> npt.NDArray[np.uint32]:
-        """(n,) index of the control point on the surface of collider a."""
+        """(n,) ``Collider.id``: the other surface."""
     def __len__(self) -> int: ...
 
 @final
@@ -737,9 +744,9 @@ class StepReport:
         """
     @property
     def penetrated(self) -> list[tuple[int, int]]:
-        """Pairs of indices of bodies that have penetrated each other by half or more, or lie one inside the other, in this step or in any step of
-        this ``World.step``. They are pushed apart the shortest way at ``push_out_speed``; of equal ways, as for bodies with one centre,
-        the first in a fixed order is chosen.
+        """Pairs of indices of bodies that have penetrated each other by half or more, or lie one inside the other, in this step or in any
+        step of this ``World.step``. They are pushed apart the shortest way at ``push_out_speed``; of equal ways, as for bodies with one
+        centre, the first in a fixed order is chosen.
         """
     def __repr__(self) -> str: ...
 
@@ -761,7 +768,9 @@ class ContactSolution:
         """The natural map with De Saxce's shift and rho = 1 over all contacts, divided by the largest of |q|, |r|, |u|."""
     @property
     def unit_free_residual(self) -> float:
-        """The natural map with rho the stiffness of each contact, divided by |r|: the same in all units. ``StepReport.residual`` is of this kind."""
+        """The natural map with rho the stiffness of each contact, divided by |r|: the same in all units.
+        ``StepReport.residual`` is of this kind.
+        """
     @property
     def sweeps(self) -> int:
         """Gauss-Seidel sweeps, Newton steps counted as one each."""
@@ -825,8 +834,8 @@ class World:
         ``tolerance`` residual at which Gauss-Seidel stops, without unit; ``max_sweeps`` its cap; ``time_budget`` seconds
         after which it stops wherever it is (``None``: never). ``traversal_budget`` most pairs of spheres that collision
         considers in a step (``None``: all). ``contact_margin`` m: contacts up to this gap enter the problem
-        (``None``: chosen from the sampling). ``collision_every`` searches the surfaces only in every so many-th step, and carries the contacts along
-        with the bodies in between: cheaper in motion, off by ``d**2 / (2 R)`` after a move ``d`` on a radius ``R``.
+        (``None``: chosen from the sampling). ``collision_every`` searches the surfaces only in every so many-th step, and carries the
+        contacts along with the bodies in between: cheaper in motion, off by ``d**2 / (2 R)`` after a move ``d`` on a radius ``R``.
         ``push_out_speed`` m/s: how fast bodies that were put into each other come apart
         (``None``: 0.02; ``inf``: within a step, with the velocity that this takes). ``friction_rule`` makes the friction of a
         pair from that of its two materials; ``set_friction`` goes before it.
@@ -836,8 +845,9 @@ class World:
     def step_budget(self) -> float | None:
         """Time that a step may take, s; settable. ``None``: none. For loops that must keep up with the clock: ``0.8 * dt``.
 
-        The solver gets what the other stages leave of it, a quarter at least. Where that is not enough it stops at the best that it has, the step's report
-        says ``time-budget``, and the next step goes on from there. Results then depend on the machine; ``max_sweeps`` is a limit that is the same everywhere.
+        The solver gets what the other stages leave of it, a quarter at least. Where that is not enough it stops at the best that it has,
+        the step's report says ``time-budget``, and the next step goes on from there. Results then depend on the machine; ``max_sweeps`` is
+        a limit that is the same everywhere.
         """
     @step_budget.setter
     def step_budget(self, value: float | None) -> None: ...
@@ -912,13 +922,14 @@ class World:
         group: int = 1,
         mask: int = 0xFFFFFFFF,
     ) -> Collider:
-        """Fix another surface (frame of the link) to a body, or to a link of a finger of a hand, and return its handle. Mass and inertia stay.
+        """Fix another surface (frame of the link) to a body, or to a link of a finger of a hand, and return its handle. Mass and inertia
+        stay.
 
         ``link``: from 0; a rigid body has one, a finger one for each joint, the last with the pad. ``finger``: of a hand.
         ``group`` and ``mask``: what it may touch, see ``Collider``.
 
-        Raises ``InvalidValueError`` for a link that the body does not have, and ``InvalidHandleError`` for a body that was removed, or a hand without
-        ``finger``. Views and recordings show the first collider of a body only, and the contacts of all.
+        Raises ``InvalidValueError`` for a link that the body does not have, and ``InvalidHandleError`` for a body that was removed, or a
+        hand without ``finger``. Views and recordings show the first collider of a body only, and the contacts of all.
 
         >>> world = World()
         >>> body = world.add_body(Surface.sphere(0.01, points=400), Material.preset("rubber"), mass=0.1)
@@ -930,14 +941,14 @@ class World:
     def colliders(self) -> list[Collider]:
         """Handles of all surfaces, in the order in which they were added."""
     def exclude(self, a: Collider | Body | Hand, b: Collider | Body | Hand) -> None:
-        """From the next step on ``a`` and ``b`` never touch, whatever their groups say. A body or a hand stands for the colliders that it has now.
-        What is in contact ends as with ``Collider.group``. Raises ``InvalidValueError`` for one collider twice.
+        """From the next step on ``a`` and ``b`` never touch, whatever their groups say. A body or a hand stands for the colliders that it
+        has now. What is in contact ends as with ``Collider.group``. Raises ``InvalidValueError`` for one collider twice.
         """
     def include(self, a: Collider | Body | Hand, b: Collider | Body | Hand) -> None:
         """Take back ``exclude``."""
     def remove(self, handle: Body | Hand | Collider) -> None:
-        """Take a body, a hand or a collider out of the world, with what touched it; its handle is invalid from then on. Contacts between others stay as
-        they are.
+        """Take a body, a hand or a collider out of the world, with what touched it; its handle is invalid from then on. Contacts between
+        others stay as they are.
         """
     def set_friction(self, a: Material | Body | Hand | str, b: Material | Body | Hand | str, friction: float | Friction | None) -> None:
         """Say what friction is between ``a`` and ``b``, instead of combining it from two materials, from the next step on.
@@ -955,7 +966,8 @@ class World:
         """Advance by ``n`` >= 1 steps of ``dt``. The GIL is released meanwhile. Raises ``InvalidValueError`` for 0 and less.
 
         The report is that of the last step, with what must not be missed of the others: every body in ``quarantined``, every pair
-        in ``penetrated``, the sum of ``ill_posed``, whether any has ``budget_exhausted``, and ``residual``, ``converged`` and ``stop_reason`` of the worst.
+        in ``penetrated``, the sum of ``ill_posed``, whether any has ``budget_exhausted``, and ``residual``, ``converged`` and
+        ``stop_reason`` of the worst.
         """
     def contacts(self) -> Contacts:
         """The contacts of the last step."""
@@ -966,34 +978,45 @@ class World:
         Coulomb: where friction has a direction tangent2 is stretched by ``Contacts.friction_ratio``, and viscous drag is in ``q``.
         """
     def state_hash(self) -> int:
-        """64-bit hash of all that decides the future: worlds with the same hash go on with the same bits, whatever the number of threads. Copies hash
-        alike. Numbers of threads, measured times and scratch are not in it. 0.3 ms for a held box, and once some milliseconds for every new surface.
+        """64-bit hash of all that decides the future: worlds with the same hash go on with the same bits, whatever the number of threads.
+        Copies hash alike. Numbers of threads, measured times and scratch are not in it. 0.3 ms for a held box, and once some milliseconds
+        for every new surface.
         """
     def snapshot(self) -> Snapshot:
         """The whole state as it is now, to come back to and to branch from."""
     def restore(self, snapshot: Snapshot) -> None:
         """Take this world back to ``snapshot``, of this world or of another. Steps from here give the same bits as they did from there.
 
-        Handles of bodies and hands that were there at the time name them again, those of later ones raise ``InvalidHandleError``. The number of
-        threads stays that of this world. What is beside the world is taken back by itself: ``Grip.restore``, and ``restore`` of a coupling.
+        Handles of bodies and hands that were there at the time name them again, those of later ones raise ``InvalidHandleError``. The
+        number of threads stays that of this world. What is beside the world is taken back by itself: ``Grip.restore``, and ``restore`` of a
+        coupling.
         """
     @staticmethod
     def from_snapshot(snapshot: Snapshot) -> World:
-        """A new world in the state of ``snapshot``, independent of the one that it is of; ``copy.copy(world)`` does both steps. Surfaces are shared."""
+        """A new world in the state of ``snapshot``, independent of the one that it is of; ``copy.copy(world)`` does both
+        steps. Surfaces are shared.
+        """
     def body(self, handle: Body) -> Body:
-        """In a copy of a world: its own handle of the body that ``handle`` names in the original. Raises ``InvalidHandleError`` if there is none here."""
+        """In a copy of a world: its own handle of the body that ``handle`` names in the original. Raises
+        ``InvalidHandleError`` if there is none here.
+        """
     def hand(self, handle: Hand) -> Hand:
-        """In a copy of a world: its own handle of the hand that ``handle`` names in the original. Raises ``InvalidHandleError`` if there is none here."""
+        """In a copy of a world: its own handle of the hand that ``handle`` names in the original. Raises
+        ``InvalidHandleError`` if there is none here.
+        """
     def collider(self, handle: Collider) -> Collider:
-        """In a copy of a world: its own handle of the collider that ``handle`` names in the original. Raises ``InvalidHandleError`` if there is none here."""
+        """In a copy of a world: its own handle of the collider that ``handle`` names in the original. Raises
+        ``InvalidHandleError`` if there is none here.
+        """
 
 @final
 class Snapshot:
     """The state of a world at one time. Never changes; can be restored any number of times, compared, hashed and pickled.
 
-    In it: bodies with velocities, drives, targets and loads, elastic displacements, what pairs of bodies remember of their contact, friction,
-    parameters, the caches of the search, and contacts, forces and report of the last step. Not in it: what is beside a world (a ``Grip`` and
-    couplings have a ``restore`` of their own), and memory that is written before it is read. Surfaces are shared with the world.
+    In it: bodies with velocities, drives, targets and loads, elastic displacements, what pairs of bodies remember of their contact,
+    friction, parameters, the caches of the search, and contacts, forces and report of the last step. Not in it: what is beside a world (a
+    ``Grip`` and couplings have a ``restore`` of their own), and memory that is written before it is read. Surfaces are shared with the
+    world.
 
         >>> held = world.snapshot()
         >>> for squeeze in (2.0, 4.0):
@@ -1076,8 +1099,8 @@ class Receiver:
         """Open and listen.
 
         ``connection`` is ``PORT``, ``GROUP:PORT`` (multicast), ``HOST:PORT`` (packets of that controller only) or ``HOST:PORT:fw``
-        (greets it, for firewalls). ``bind`` is the address of this machine to listen on; for a multicast group it names the interface that joins, as
-        ``interface`` does. Larger datagrams than ``max_bytes`` are refused. Raises ``InvalidValueError`` or ``NetworkError``.
+        (greets it, for firewalls). ``bind`` is the address of this machine to listen on; for a multicast group it names the interface that
+        joins, as ``interface`` does. Larger datagrams than ``max_bytes`` are refused. Raises ``InvalidValueError`` or ``NetworkError``.
         """
     @property
     def address(self) -> tuple[str, int]:
@@ -1085,18 +1108,22 @@ class Receiver:
     def now(self) -> float:
         """Seconds since it was opened: the clock of ``Packet.arrival``."""
     def wait(self, timeout: float) -> bool:
-        """Wait until there is something to take, at most ``timeout`` s; the GIL is released. Raises ``NetworkError`` if it cannot listen any more."""
+        """Wait until there is something to take, at most ``timeout`` s; the GIL is released. Raises ``NetworkError`` if it
+        cannot listen any more.
+        """
     def take(self) -> list[Packet]:
         """All packets since the last call, in order of arrival; at most the last 512."""
     @property
     def latest(self) -> Packet | None:
         """The newest by its frame counter."""
     def statistics(self) -> dict[str, Any]:
-        """Counts (``datagrams, bytes, packets, lost, late, duplicates, restarts, malformed, oversize, empty, foreign, overrun``), Hz (``rate``,
-        ``tracker_rate``), s (``jitter, lateness, tracker_latency, pick_up_mean, pick_up_max``) and ``last_refusal``.
+        """Counts (``datagrams, bytes, packets, lost, late, duplicates, restarts, malformed, oversize, empty, foreign, overrun``), Hz
+        (``rate``, ``tracker_rate``), s (``jitter, lateness, tracker_latency, pick_up_mean, pick_up_max``) and ``last_refusal``.
         """
     def close(self) -> None:
-        """Stop and close the port. Raises ``ForkError`` in a forked child, as all but ``address``; to leave a ``with`` block there does nothing."""
+        """Stop and close the port. Raises ``ForkError`` in a forked child, as all but ``address``; to leave a ``with``
+        block there does nothing.
+        """
     def __enter__(self) -> Receiver: ...
     def __exit__(self, *_exception: object) -> None: ...
 
@@ -1109,7 +1136,8 @@ class Take:
         """Read a take, compressed (gzip) or not, or packets that were captured elsewhere. Raises ``CaptureFileError``."""
     @staticmethod
     def pinch(*, seed: int = 1, rate: float = 60.0, noise: float = 3e-4, tremor: float = 1.5e-4, side: HandSide = "right") -> Take:
-        """A made-up right hand that pinches the box of the scene ``grasp``, lifts it by 10 cm, turns it by 30 degrees and puts it down, in 10 s.
+        """A made-up right hand that pinches the box of the scene ``grasp``, lifts it by 10 cm, turns it by 30 degrees and puts it down, in
+        10 s.
 
         ``rate`` Hz; ``noise`` m, standard deviation; ``tremor`` m. The middle finger is lost for 0.2 s. Same seed, same take.
         """
@@ -1144,7 +1172,9 @@ class TakeWriter:
     def note(self, text: str) -> None:
         """A line of notes."""
     def packet(self, arrival: float, data: bytes) -> None:
-        """A packet that came ``arrival`` s after the start of the recording. Raises ``InvalidValueError`` before that and from eleven days on."""
+        """A packet that came ``arrival`` s after the start of the recording. Raises ``InvalidValueError`` before that and
+        from eleven days on.
+        """
     def close(self) -> None:
         """Close the file; whoever writes on is refused with ``InvalidValueError``."""
     def __enter__(self) -> TakeWriter: ...
@@ -1166,12 +1196,12 @@ class Replay:
         serve_greeters: bool = True,
         bodies: bool = False,
     ) -> None:
-        """Start to send to ``targets`` (``HOST:PORT``, ``PORT``, ``GROUP:PORT``) and to whoever greets from a local network; without targets it waits
-        for a greeting.
+        """Start to send to ``targets`` (``HOST:PORT``, ``PORT``, ``GROUP:PORT``) and to whoever greets from a local network; without
+        targets it waits for a greeting.
 
-        ``rounds`` 0 sends until it is stopped. ``source_port`` falls back to any port if it is taken: see ``address``. ``bind`` is the address of this
-        machine to send from, and to hear greetings at: by default 127.0.0.1 if all ``targets`` are there, else any. ``bodies`` also sends each fingertip
-        as a body of ``6d``. Raises ``InvalidValueError`` or ``NetworkError``.
+        ``rounds`` 0 sends until it is stopped. ``source_port`` falls back to any port if it is taken: see ``address``. ``bind`` is the
+        address of this machine to send from, and to hear greetings at: by default 127.0.0.1 if all ``targets`` are there, else any.
+        ``bodies`` also sends each fingertip as a body of ``6d``. Raises ``InvalidValueError`` or ``NetworkError``.
         """
     @property
     def address(self) -> tuple[str, int]:
@@ -1179,9 +1209,9 @@ class Replay:
     def wait(self, timeout: float) -> bool:
         """Wait for the end, at most ``timeout`` s; the GIL is released. Whether it has ended."""
     def state(self) -> dict[str, Any]:
-        """``sent, rounds, greetings, targets, displaced`` (greeters that had to make room: 16 are served), ``expired`` (that did not greet again for
-        10 s), ``strangers`` (greetings from outside local networks), ``withheld`` (packets that a greeter was not sent, beyond 500 in a second), ``refused,
-        latest`` (s behind the schedule at worst) and ``done``.
+        """``sent, rounds, greetings, targets, displaced`` (greeters that had to make room: 16 are served), ``expired`` (that did not greet
+        again for 10 s), ``strangers`` (greetings from outside local networks), ``withheld`` (packets that a greeter was not sent, beyond
+        500 in a second), ``refused, latest`` (s behind the schedule at worst) and ``done``.
         """
     def stop(self) -> None:
         """Stop."""
@@ -1210,7 +1240,8 @@ class HandFrame:
         source: Literal["webxr", "dtrack-hand", "dtrack-bodies", "synthetic"] = "webxr",
         frame: Literal["tracker", "world"] = "tracker",
     ) -> None:
-        """From ``positions`` (6, 3) m, ``quaternions`` (6, 4), ``pad_radii`` (6,) m and ``tracked`` (6,). Rows that are not tracked are not read.
+        """From ``positions`` (6, 3) m, ``quaternions`` (6, 4), ``pad_radii`` (6,) m and ``tracked`` (6,). Rows that are not tracked are not
+        read.
 
         ``time`` s on the tracker's clock, ``arrival`` s on the clock of whoever asks for targets.
         """
@@ -1261,8 +1292,8 @@ class HandDecoder:
 
 @final
 class HandTracker:
-    """Takes frames when they come, gives targets when they are needed: smooth for any rate, jitter, loss and order, and without poses that no hand
-    can have come to.
+    """Takes frames when they come, gives targets when they are needed: smooth for any rate, jitter, loss and order, and without poses that
+    no hand can have come to.
     """
 
     def __init__(
@@ -1275,12 +1306,14 @@ class HandTracker:
         fade: float = 0.5,
         catch: float = 0.1,
     ) -> None:
-        """All times in s. ``delay``: how far in the past the hand is shown; ``None`` fits the stream, 0 predicts. What is not seen keeps its full weight
-        for ``hold`` and fades within ``fade``; ``catch`` is the time constant with which a pose glides to where it is seen again, by 0.5 m/s and 3 rad/s
-        at most.
+        """All times in s. ``delay``: how far in the past the hand is shown; ``None`` fits the stream, 0 predicts. What is not seen keeps
+        its full weight for ``hold`` and fades within ``fade``; ``catch`` is the time constant with which a pose glides to where it is seen
+        again, by 0.5 m/s and 3 rad/s at most.
         """
     def push(self, frame: HandFrame) -> None:
-        """Take a frame. Raises ``InvalidValueError`` for one of the other hand or with numbers that are out of range. Any thread may call it."""
+        """Take a frame. Raises ``InvalidValueError`` for one of the other hand or with numbers that are out of range. Any
+        thread may call it.
+        """
     def sample(self, now: float) -> HandTargets | None:
         """The hand at ``now``, s on the clock of the arrivals, which must not fall back. ``None`` before the first frame.
 
@@ -1293,9 +1326,9 @@ class HandTracker:
         """How far in the past the hand is shown now, s."""
     @property
     def dropped(self) -> dict[str, Any]:
-        """What was not believed so far: ``frames`` of which a pose was dropped, ``parts``, how many poses of each part (those with none left out),
-        and these by fault: ``jumps`` where no hand can have come, ``exchanged`` fingers, ``flipped`` ones with the nail where the pad was.
-        ``relocations``: how often the hand or a part of it was believed to be elsewhere after all.
+        """What was not believed so far: ``frames`` of which a pose was dropped, ``parts``, how many poses of each part (those with none
+        left out), and these by fault: ``jumps`` where no hand can have come, ``exchanged`` fingers, ``flipped`` ones with the nail where
+        the pad was. ``relocations``: how often the hand or a part of it was believed to be elsewhere after all.
         """
 
 @final

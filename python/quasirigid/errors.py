@@ -85,8 +85,8 @@ class CaptureFileError(QuasirigidError, OSError):
 
 
 class RecordingError(QuasirigidError, OSError):
-    """A recording that cannot be written, as the disk is full, the place is read-only or the file is in use; or one that cannot be read, as it is
-    missing, damaged, or something else than a recording.
+    """A recording that cannot be written, as the disk is full, the place is read-only or the file is in use; or one that cannot be read, as
+    it is missing, damaged, or something else than a recording.
     """
 
 

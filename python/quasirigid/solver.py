@@ -65,7 +65,8 @@ def solve_contacts(
 
     Raises:
         InvalidShapeError: arrays that do not fit together.
-        InvalidValueError: NaN, infinity, masked arrays, indices of a sparse ``W`` out of range, a negative ``mu``, or a block on the diagonal of
+        InvalidValueError: NaN, infinity, masked arrays, indices of a sparse ``W`` out of range, a negative ``mu``, or a block on the
+        diagonal of
             ``W`` that is not positive definite.
     """
     start = time.perf_counter()

@@ -26,14 +26,14 @@ def open_view(
 ) -> WorldView:
     """Show a world in the browser while you go on stepping it; returns at once.
 
-    The page shows ``world`` up to 30 times a second and never changes it. Hands show what their pads feel: pressure, forces, plots. So do the
-    bodies that you name as ``fingertips``. ``host`` is who may look: this machine alone
+    The page shows ``world`` up to 30 times a second and never changes it. Hands show what their pads feel: pressure, forces, plots. So do
+    the bodies that you name as ``fingertips``. ``host`` is who may look: this machine alone
     unless you say otherwise. Pages of other servers are refused, and names that are not this machine's; ``allow_origins`` are
-    those that may show and use the page nevertheless: a notebook's server, such as ``["http://localhost:8888"]``. If ``port`` is in use, the next free one is taken and said. ``browser`` opens the page.
-    ``close`` it, or use it in a ``with`` block.
+    those that may show and use the page nevertheless: a notebook's server, such as ``["http://localhost:8888"]``. If ``port`` is in use,
+    the next free one is taken and said. ``browser`` opens the page. ``close`` it, or use it in a ``with`` block.
 
-    Raises ``InvalidValueError`` for a host that is not this machine's, a port out of range, an origin that is none, ``InvalidHandleError`` for a
-    fingertip that was removed.
+    Raises ``InvalidValueError`` for a host that is not this machine's, a port out of range, an origin that is none, ``InvalidHandleError``
+    for a fingertip that was removed.
     """
     from quasirigid.live.watch import watch  # the server takes half a second to import: only with a page
 

@@ -23,7 +23,9 @@ NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable"
 NEEDED = "QUASIRIGID_BROWSER_TESTS"
 """Set to ``required``, a missing browser is an error; otherwise these tests are skipped."""
 ARGUMENTS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
-"""Chromium as it starts for anybody on a computer without a graphics card: it draws the scene in software, and puts the page together without one."""
+"""Chromium as it starts for anybody on a computer without a graphics card: it draws the scene in software, and puts the page together
+without one.
+"""
 WIDTH, HEIGHT = 1120, 640
 PATIENCE = 45.0
 """Seconds that anything in the page may take on a busy machine with two cores and no GPU."""

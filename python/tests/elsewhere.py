@@ -4,7 +4,9 @@ import os
 from pathlib import Path
 
 DATA = Path(os.environ.get("QUASIRIGID_DATA") or Path(__file__).resolve().parents[3] / "shared" / "data")
-"""A folder with ``objects/*.obj`` and ``fc3d/*.npz``. Tests that want them are skipped where they are not: CONTRIBUTING.md says what is in it."""
+"""A folder with ``objects/*.obj`` and ``fc3d/*.npz``. Tests that want them are skipped where they are not: CONTRIBUTING.md says what is in
+it.
+"""
 
 
 def missing(what: str) -> str:

@@ -71,7 +71,8 @@ def bodies_on_screen(server: Any, page: Any, model: SceneModel, state: SceneStat
 def assert_inside(what: Any, room: tuple[float, float, float, float], *, scroll: bool = False) -> None:
     """Asserts that an element comes to lie in a part of the page: left, upper, right, lower, px.
 
-    A fold that opens and a picture that loads move what is below them, so it is looked at (and scrolled to, with ``scroll``) until it rests there.
+    A fold that opens and a picture that loads move what is below them, so it is looked at (and scrolled to, with ``scroll``) until it rests
+    there.
     """
     corners = (0.0, 0.0, 0.0, 0.0)
 

@@ -1,4 +1,6 @@
-"""A hand for the tests of putting down: as many fingers as wanted, closing as deep as wanted, one of them late in letting go. In simulated time."""
+"""A hand for the tests of putting down: as many fingers as wanted, closing as deep as wanted, one of them late in letting go. In simulated
+time.
+"""
 
 from __future__ import annotations
 
@@ -44,8 +46,9 @@ def frames(
 ) -> list[mocap.HandFrame]:
     """60 frames per second of a hand that closes on the box, lifts it by 100 mm, puts it down again, and opens.
 
-    The thumb's tracked pad goes ``closing`` m into the box, the others share that between them, so that all press in balance. The finger ``late`` lets go
-    ``lag`` s after the others. ``before`` s: how long the open hand is held still at first. ``height``: how high the hand is, in place of lift and descent.
+    The thumb's tracked pad goes ``closing`` m into the box, the others share that between them, so that all press in balance. The finger
+    ``late`` lets go ``lag`` s after the others. ``before`` s: how long the open hand is held still at first. ``height``: how high the hand
+    is, in place of lift and descent.
     """
     rows = range(fingers)
     out = []

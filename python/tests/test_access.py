@@ -38,7 +38,9 @@ FOREIGN = (
     "http://localhost:1",
     "http://localhost:{port}@attacker.example",
 )
-"""Origins of pages that are not ours: of the world, of a sandbox or a file, of names that look like ours, of another server on this machine."""
+"""Origins of pages that are not ours: of the world, of a sandbox or a file, of names that look like ours, of another server on this
+machine.
+"""
 REBOUND = (
     "attacker.example:{port}",
     "attacker.example",

@@ -7,12 +7,14 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from quasirigid.cli.app import main
+from quasirigid.cli.option_groups import GraspChoice
 from quasirigid.errors import QuasirigidError
 from quasirigid.grasp.experiment import Grasp
 from quasirigid.grasp.options import GraspOptions
@@ -25,6 +27,12 @@ SUMMARY_KEYS = {
     "held", "object_mass_kg", "drift_m_per_s", "spin_rad_per_s", "contacts", "residual_max", "unconverged_steps", "steps",
     "step_ms_median", "step_ms_p99", "normal_force_n", "support_error", "phases",
 }  # fmt: skip
+
+
+def test_the_command_line_has_an_option_for_every_choice_of_a_grasp_with_its_default() -> None:
+    chosen, library = GraspChoice(), GraspOptions()
+    assert {field.name for field in fields(chosen)} | {"hold"} == {field.name for field in fields(library)}
+    assert chosen.options() == library
 
 
 def test_grasp_holds_the_box_and_leaves_its_files(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

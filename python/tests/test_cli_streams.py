@@ -1,4 +1,6 @@
-"""How commands end: streams that were closed, readers who left, terminals that went, signals at any moment. Never a traceback, never a lost file."""
+"""How commands end: streams that were closed, readers who left, terminals that went, signals at any moment. Never a traceback, never a lost
+file.
+"""
 
 import json
 import os

@@ -14,11 +14,24 @@ from quasirigid.errors import InvalidValueError, MissingPackageError
 from quasirigid.recording import export, window
 from quasirigid.recording.export import export_tables
 from quasirigid.recording.export_rerun import export_rerun
-from quasirigid.recording.scene import SceneRecording
+from quasirigid.recording.scene_recording import SceneRecording
 
 STEPS = 200
 WITHOUT_UNIT = {"step", "phase", "contacts", "sweeps", "residual", "converged", "coarse", "quarantined", "frame", "finger", "status"}
-WITHOUT_UNIT |= {"body_a", "body_b", "control_point", "normal_x", "normal_y", "normal_z", "qw", "qx", "qy", "qz"}
+WITHOUT_UNIT |= {
+    "body_a",
+    "body_b",
+    "collider_a",
+    "collider_b",
+    "control_point",
+    "normal_x",
+    "normal_y",
+    "normal_z",
+    "qw",
+    "qx",
+    "qy",
+    "qz",
+}
 UNITS = ("_s", "_m", "_n", "_rad", "_pa", "_m2")
 
 

@@ -1,4 +1,6 @@
-"""A forked child makes threads of its own: whatever was used before, it works there with the same bits, or says that it is its parent's. It never hangs."""
+"""A forked child makes threads of its own: whatever was used before, it works there with the same bits, or says that it is its parent's. It
+never hangs.
+"""
 
 import multiprocessing
 import os

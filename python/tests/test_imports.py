@@ -42,7 +42,7 @@ def test_importing_the_package_loads_nothing_that_takes_time() -> None:
     print(f"import quasirigid: {ours:.3f} s of CPU, numpy {numpys:.3f} s, ratio {ours / numpys:.2f} (at most {MOST})")
 
 
-@pytest.mark.parametrize("module", ["grasp.run", "recording.export", "recording.world", "mocap.session"])
+@pytest.mark.parametrize("module", ["grasp.run", "recording.export", "recording.world_recorder", "mocap.session"])
 def test_grasps_recordings_and_sessions_do_not_load_the_page(module: str) -> None:
     loaded = loaded_by(f"import quasirigid.{module}")
     assert not {name for name in loaded if name == "viser" or name.startswith("quasirigid.live")}, "loads the page"

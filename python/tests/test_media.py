@@ -10,7 +10,7 @@ from PIL import Image, ImageSequence
 from recorded import record_pinch
 
 from quasirigid.errors import InvalidValueError
-from quasirigid.recording.scene import SceneRecording
+from quasirigid.recording.scene_recording import SceneRecording
 from quasirigid.render.media import Frame, Gif, frame_steps
 from quasirigid.render.pictures import Renderer, RenderOptions, accents, render
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NAMED = re.compile(
-    r"\b(docs|benchmarks|crates|tools|tests|python)/|\b(CONTRIBUTING|README|NOTICE|CHANGELOG|Makefile|requirements)\b|\bmake (setup|test|view|fuzz|bench|audit)\b"
+    r"\b(docs|benchmarks|crates|tools|tests|python)/|\b(CONTRIBUTING|README|NOTICE|CHANGELOG|Makefile|requirements)\b|"
+    r"\bmake (setup|test|view|fuzz|bench|audit)\b"
 )
 
 

@@ -1,4 +1,6 @@
-"""Frames that no hand can have made: they are dropped and counted, and the object stays in the hand. Pads keep to limits of force and speed whatever comes."""
+"""Frames that no hand can have made: they are dropped and counted, and the object stays in the hand. Pads keep to limits of force and speed
+whatever comes.
+"""
 
 from __future__ import annotations
 
@@ -184,8 +186,8 @@ def test_whatever_the_tracker_says_pads_keep_to_their_force_and_speed(coupling: 
 
 
 def test_who_asks_for_a_smaller_largest_force_gets_it(tmp_path: Path) -> None:
-    """Springs so stiff that the hand that has closed 10 mm into the box would press with 30 N and more. The joints of the three-finger hand also
-    damp, by 2 N where the object pushes a finger back: small limits are for `tips`.
+    """Springs so stiff that the hand that has closed 10 mm into the box would press with 30 N and more. The joints of the three-finger hand
+    also damp, by 2 N where the object pushes a finger back: small limits are for `tips`.
     """
     closed = part(tmp_path, until=2.7)
     tips: dict[str, Any] = {"springs": Springs(stiffness=(6000.0, 0.5))}

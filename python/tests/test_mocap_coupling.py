@@ -95,7 +95,8 @@ def test_springs_to_a_bad_stream_neither_jump_nor_make_energy(rate: float) -> No
     look(coupling)
     lift = float(stage.object.position[2] - stage.start[2])
     print(
-        f"{rate:.0f} Hz: largest step {step_max / (fastest * DT):.2f} of the hand's, energy made {1e3 * worst:.3f} mJ of {1e3 * work:.1f}, lift {lift:.4f}"
+        f"{rate:.0f} Hz: largest step {step_max / (fastest * DT):.2f} of the hand's, "
+        f"energy made {1e3 * worst:.3f} mJ of {1e3 * work:.1f}, lift {lift:.4f}"
     )
     assert step_max < 1.3 * fastest * DT, f"{1e3 * step_max:.2f} mm in a step; the hand itself {1e3 * fastest * DT:.2f} mm"
     assert worst < 2e-4, f"{1e3 * worst:.3f} mJ out of nothing; the hand did {1e3 * work:.1f} mJ"
@@ -114,7 +115,8 @@ def test_the_three_finger_hand_does_not_jump_on_a_bad_stream(rate: float) -> Non
     step_max, base_max = (float(np.linalg.norm(np.diff(rows, axis=0), axis=-1).max()) for rows in (np.array(ends), np.array(bases)))
     lift = float(stage.object.position[2] - stage.start[2])
     print(
-        f"{rate:.0f} Hz: largest step of a pad {step_max / (fastest * DT):.2f} of the hand's, of the base {base_max / (fastest * DT):.2f}, lift {lift:.4f}"
+        f"{rate:.0f} Hz: largest step of a pad {step_max / (fastest * DT):.2f} of the hand's, "
+        f"of the base {base_max / (fastest * DT):.2f}, lift {lift:.4f}"
     )
     assert step_max < 1.3 * fastest * DT, f"{1e3 * step_max:.2f} mm in a step; the hand itself {1e3 * fastest * DT:.2f} mm"
     assert base_max < 1.3 * fastest * DT, f"{1e3 * base_max:.2f} mm in a step; the hand itself {1e3 * fastest * DT:.2f} mm"

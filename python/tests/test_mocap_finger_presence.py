@@ -15,7 +15,7 @@ from quasirigid.mocap.hand_presence import LATECOMERS, SETTLE, FingerPresence
 from quasirigid.mocap.observation import Observation
 from quasirigid.mocap.options import MocapOptions
 from quasirigid.mocap.session import MocapSession
-from quasirigid.recording.scene import SceneRecording
+from quasirigid.recording.scene_recording import SceneRecording
 from quasirigid.render.pictures import waits
 
 COARSE = GraspOptions(points=6000, dt=0.004)

@@ -30,7 +30,9 @@ COARSE = GraspOptions(points=6000, dt=0.004)
 """A step that a busy machine can do in time."""
 TURN = math.radians(30.0)
 BUSY = 250.0
-"""When a step is so late, ms, the machine does something else, and the hand is shown twice as fast as it moves so that it does not stay behind."""
+"""When a step is so late, ms, the machine does something else, and the hand is shown twice as fast as it moves so that it does not stay
+behind.
+"""
 
 
 def check_bar(summary: dict[str, object], *, left: bool = False) -> None:
@@ -52,7 +54,8 @@ def check_bar(summary: dict[str, object], *, left: bool = False) -> None:
 
 @pytest.mark.parametrize("coupling", ["tips", "hand"])
 def test_the_shipped_take_moves_the_box(coupling: str, tmp_path: Path) -> None:
-    result = run_mocap(COARSE, MocapOptions(coupling=coupling, idle=0.8), TakeSource(mocap.shipped_take()), tmp_path)  # type: ignore[arg-type]
+    options = MocapOptions(coupling=coupling, idle=0.8)  # type: ignore[arg-type]
+    result = run_mocap(COARSE, options, TakeSource(mocap.shipped_take()), tmp_path)
     check_bar(result.summary)
     assert result.recording is not None
     assert result.recording.exists()
@@ -88,8 +91,8 @@ def test_the_replayed_take_moves_the_box_over_a_socket(tmp_path: Path) -> None:
     summary = over_a_socket([], [], tmp_path)
     check_bar(summary)
     assert not summary["interrupted"], "it ends by itself when nothing comes any more"
-    # How long packets waited depends on how late a busy machine was with its steps (benchmarks/mocap/latency.py holds it against the bar on a quiet one).
-    # That every step uses what has come before it does not.
+    # How long packets waited depends on how late a busy machine was with its steps (benchmarks/mocap/latency.py holds it against the bar on
+    # a quiet one). That every step uses what has come before it does not.
     waits, late, packets = summary["packet_to_step_ms"], summary["step_lateness_ms"], summary["stream"]["packets"]
     assert summary["passed_over"] <= 0.01 * packets, f"{summary['passed_over']} of {packets} packets were used a step too late"
     print(f"packet to step {waits}, steps late {late}, ms; {summary['slipped_s']:.2f} s behind")

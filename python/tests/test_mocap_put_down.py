@@ -32,7 +32,8 @@ def test_the_box_stands_where_it_was_put_although_a_finger_lets_go_late(fingers:
     moved = float(np.linalg.norm(session.object.position - put[-1]))
     tilted = math.degrees(tilt(session.object.quaternion))
     print(
-        f"{fingers} fingers, {1e3 * closing:.0f} mm: moved by {1e3 * moved:.2f} mm, tilted by {tilted:.2f} degrees, {summary['peak_force_n']}"
+        f"{fingers} fingers, {1e3 * closing:.0f} mm: moved by {1e3 * moved:.2f} mm, "
+        f"tilted by {tilted:.2f} degrees, {summary['peak_force_n']}"
     )
     assert summary["lifted_m"] > 0.08, f"lifted by {1e3 * summary['lifted_m']:.0f} mm"
     assert summary["put_down"], summary["phases"]

@@ -1,5 +1,5 @@
-"""What comes from others is the very thing that was chosen: packages by their hashes, crates with their licenses, three.js by its digest; and what
-is not known of them is said.
+"""What comes from others is the very thing that was chosen: packages by their hashes, crates with their licenses, three.js by its digest;
+and what is not known of them is said.
 """
 
 import base64

@@ -36,8 +36,9 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def damage_heap(path: Path) -> None:
     """Damage the heap in which HDF5 keeps texts of variable length, so that libhdf5 looks for the end of it for ever.
 
-    HDF5 File Format Specification 3.0, III.E: a collection begins with ``GCOL``; after 16 bytes come objects with a head of 16 bytes (index 2,
-    references 2, reserved 4, size 8), each padded to 8 bytes. Index 0 is the free space, whose size leads to the end: here it leads nowhere.
+    HDF5 File Format Specification 3.0, III.E: a collection begins with ``GCOL``; after 16 bytes come objects with a head of 16 bytes (index
+    2, references 2, reserved 4, size 8), each padded to 8 bytes. Index 0 is the free space, whose size leads to the end: here it leads
+    nowhere.
     """
     content = bytearray(path.read_bytes())
     at = content.index(b"GCOL") + 16

@@ -1,4 +1,6 @@
-"""Recordings of 0.1.0 open: `recordings/recording-0.1.0.h5.gz` was written by that version (four steps of a fingertip on a rubber ball on a table)."""
+"""Recordings of 0.1.0 open: `recordings/recording-0.1.0.h5.gz` was written by that version (four steps of a fingertip on a rubber ball on a
+table).
+"""
 
 import gzip
 from pathlib import Path
@@ -30,6 +32,8 @@ def test_a_recording_of_0_1_0_opens_as_a_scene(old: Path) -> None:
         contacts = state.contacts
         assert len(contacts) == 2
         assert (contacts.control_point == -1).all(), "0.1.0 did not record which control point it was"
+        np.testing.assert_array_equal(contacts.collider_a, contacts.body_a, "0.1.0 recorded one surface of a body")
+        np.testing.assert_array_equal(contacts.collider_b, contacts.body_b)
         assert set(state.moved) == {0, 1, 2}, "all three are deformed"
         tip = recording.model.fingertips()[0]
         sign = np.where(contacts.body_a == tip, -1.0, 1.0) * ((contacts.body_a == tip) | (contacts.body_b == tip))

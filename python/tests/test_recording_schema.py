@@ -1,4 +1,6 @@
-"""A recording has the columns that its readers need, or it is refused by the name of the column: one schema, checked once, for all readers."""
+"""A recording has the columns that its readers need, or it is refused by the name of the column: one schema, checked once,
+for all readers.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,10 +19,11 @@ from quasirigid.grasp.columns import check_grasp
 from quasirigid.grasp.columns import columns as grasp_columns
 from quasirigid.recording.export import export_tables
 from quasirigid.recording.file import Stored
-from quasirigid.recording.model import read_model
 from quasirigid.recording.reader import Column, Recording
-from quasirigid.recording.scene import SceneRecorder, SceneRecording
 from quasirigid.recording.scene_columns import check_scene, scene_columns
+from quasirigid.recording.scene_model import read_model
+from quasirigid.recording.scene_recorder import SceneRecorder
+from quasirigid.recording.scene_recording import SceneRecording
 from quasirigid.scene.world import WorldScene
 
 STEPS = 160

@@ -1,4 +1,6 @@
-"""The thread that writes recordings: nothing is lost or out of order, errors reach the caller, the caller waits when the disk cannot follow."""
+"""The thread that writes recordings: nothing is lost or out of order, errors reach the caller, the caller waits when the disk cannot
+follow.
+"""
 
 import itertools
 import os

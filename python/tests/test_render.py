@@ -11,7 +11,7 @@ from recorded import record_pinch
 
 from quasirigid.cli.app import main
 from quasirigid.errors import InvalidShapeError, InvalidValueError, MissingPackageError, QuasirigidError, UnknownNameError
-from quasirigid.recording.scene import SceneRecording
+from quasirigid.recording.scene_recording import SceneRecording
 from quasirigid.recording.window import span
 from quasirigid.render.camera import Camera
 from quasirigid.render.layer import NOTHING

@@ -22,7 +22,8 @@ from quasirigid.recording import scene as scene_recording
 from quasirigid.recording.export import tables
 from quasirigid.recording.reader import Column
 from quasirigid.recording.recorder import Recorder
-from quasirigid.recording.scene import SceneRecorder, SceneRecording
+from quasirigid.recording.scene_recorder import SceneRecorder
+from quasirigid.recording.scene_recording import SceneRecording
 from quasirigid.scene.model import SceneState
 from quasirigid.scene.world import WorldScene
 

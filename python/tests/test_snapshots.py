@@ -262,7 +262,9 @@ def test_spoilt_and_foreign_bytes_are_a_typed_error() -> None:
 
 
 def test_colliders_filters_and_exclusions_go_along() -> None:
-    """Of two boxes over a plate the one rests on it, whose second surface is in no group; the other is excluded from the plate and falls past."""
+    """Of two boxes over a plate the one rests on it, whose second surface is in no group; the other is excluded from the plate and falls
+    past.
+    """
     world = qr.World()
     steel, size = qr.Material.preset("steel"), (0.02, 0.02, 0.02)
     cube = qr.Surface.box(size, points=300, control_points=60)

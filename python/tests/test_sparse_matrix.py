@@ -1,4 +1,6 @@
-"""A malformed sparse `W` is a typed error that names the array, from arrays and from a file, and a right one is what it says in every format."""
+"""A malformed sparse `W` is a typed error that names the array, from arrays and from a file, and a right one is what it says in every
+format.
+"""
 
 import io
 import subprocess

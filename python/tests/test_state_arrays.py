@@ -32,7 +32,8 @@ def world() -> qr.World:
 def owners(world: qr.World) -> dict[str, Any]:
     return {
         "Body": world.bodies[1], "Hand": world.hands[0], "World": world, "MassProperties": qr.MassProperties.sphere(0.1, mass=1),
-        "Friction": qr.Friction(0.5, direction=(1, 1, 0), ratio=2.0), "HandModel": qr.HandModel.three_finger(), "Calibration": mocap.Calibration()
+        "Friction": qr.Friction(0.5, direction=(1, 1, 0), ratio=2.0), "HandModel": qr.HandModel.three_finger(),
+        "Calibration": mocap.Calibration()
     }  # fmt: skip
 
 
@@ -131,10 +132,12 @@ def test_what_is_computed_from_it_is_a_plain_array_of_ones_own(world: qr.World) 
     turn = np.eye(3)
     position = world.bodies[1].position
     made = [
-        targets + 1, 1 - targets, -targets, targets * targets, targets == targets, np.sqrt(np.abs(targets)), turn @ position, position @ turn,
+        targets + 1, 1 - targets, -targets, targets * targets, targets == targets, np.sqrt(np.abs(targets)), turn @ position,
+        position @ turn,
         np.dot(turn, position), np.concatenate([position, position]), np.stack([position, position]), np.cross(position, position),
         np.array(targets), np.copy(targets), targets.copy(), targets.astype(np.float32), copy.copy(targets), copy.deepcopy(targets),
-        pickle.loads(pickle.dumps(targets)), np.where(targets > 0, targets, 0), np.einsum("ij,j->i", turn, position), np.add.outer(position, position),
+        pickle.loads(pickle.dumps(targets)), np.where(targets > 0, targets, 0), np.einsum("ij,j->i", turn, position), np.add.outer(position,
+        position),
         np.linalg.inv(turn + np.outer(position, position)), np.maximum(targets, 0.0),
     ]  # fmt: skip
     for k, value in enumerate(made):

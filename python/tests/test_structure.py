@@ -1,7 +1,7 @@
 """No circle between source files: what a file needs can be read before it, in the engine, in the binding and in the package.
 
-An arrow goes from a file to each file that it names in an import (Rust: also in a path in the code). That a folder's own file (`mod.rs`, `__init__.py`) names its children is no arrow: that is
-how a folder lists what is in it.
+An arrow goes from a file to each file that it names in an import (Rust: also in a path in the code). That a folder's own file (`mod.rs`,
+`__init__.py`) names its children is no arrow: that is how a folder lists what is in it.
 """
 
 import ast

@@ -1,4 +1,6 @@
-"""Values are values: equal if their contents are, hashed alike, copied and pickled without a change of a bit; handles of one body are one key."""
+"""Values are values: equal if their contents are, hashed alike, copied and pickled without a change of a bit; handles of one body are one
+key.
+"""
 
 import copy
 import dataclasses
@@ -43,7 +45,8 @@ PULP = qr.Material.preset("fingertip_pulp")
 # By class: the same value made in one or two ways, and others.
 CASES: dict[str, tuple[list[Callable[[], Any]], list[Callable[[], Any]]]] = {
     "Friction": (
-        [lambda: qr.Friction(0.5, 0.5, direction=(0, 2, 0), ratio=2), lambda: qr.Friction(0.5, viscous=-0.0, direction=(-0.0, 1, 0), ratio=2.0)],
+        [lambda: qr.Friction(0.5, 0.5, direction=(0, 2, 0), ratio=2), lambda: qr.Friction(0.5, viscous=-0.0, direction=(-0.0, 1, 0),
+        ratio=2.0)],
         [lambda: qr.Friction(0.5), lambda: qr.Friction(0.5, 0.4, direction=(0, 1, 0), ratio=2)],
     ),
     "Material": (
@@ -55,7 +58,8 @@ CASES: dict[str, tuple[list[Callable[[], Any]], list[Callable[[], Any]]]] = {
         [lambda: PULP, lambda: PULP.replace(compliance="half-space"), lambda: PULP.replace(compliance=2 * MATRIX)],
     ),
     "MassProperties": (
-        [lambda: qr.MassProperties.sphere(0.1, mass=0.5), lambda: qr.MassProperties(0.5, (0, 0, -0.0), np.eye(3) * (0.4 * 0.5 * 0.1 * 0.1))],
+        [lambda: qr.MassProperties.sphere(0.1, mass=0.5), lambda: qr.MassProperties(0.5, (0, 0, -0.0),
+        np.eye(3) * (0.4 * 0.5 * 0.1 * 0.1))],
         [lambda: qr.MassProperties.sphere(0.1, mass=0.6), lambda: qr.MassProperties(0.5, (0, 0, 1), np.eye(3) * 0.002)],
     ),
     "ComplianceMatrix": ([matrix, lambda: qr.ComplianceMatrix(MATRIX.tolist())], [lambda: qr.ComplianceMatrix(2 * MATRIX)]),
@@ -81,7 +85,8 @@ CASES: dict[str, tuple[list[Callable[[], Any]], list[Callable[[], Any]]]] = {
     ),
     "HandFrame": ([frame], [lambda: frame(1.5), lambda: frame().transformed(mocap.Calibration((1, 0, 0)))]),
     "HandFrame decoded": ([lambda: mocap.Take.pinch().frames(mocap.HandDecoder("right"))[270]], [frame]),
-    "Take": ([lambda: mocap.Take.pinch(seed=2, rate=20)], [lambda: mocap.Take.pinch(seed=3, rate=20), lambda: mocap.Take.pinch(seed=2, rate=30)]),
+    "Take": ([lambda: mocap.Take.pinch(seed=2, rate=20)], [lambda: mocap.Take.pinch(seed=3, rate=20), lambda: mocap.Take.pinch(seed=2,
+    rate=30)]),
 }  # fmt: skip
 
 

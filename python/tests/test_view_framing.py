@@ -11,7 +11,7 @@ from quasirigid.grasp.options import GraspOptions
 from quasirigid.live.framing import FOV, SHEET, VIEW, Frame, Framing, frame_of, pads_in_sight
 from quasirigid.live.play import Play
 from quasirigid.live.stage import close_server, open_server
-from quasirigid.recording.scene import SceneRecording
+from quasirigid.recording.scene_recording import SceneRecording
 from quasirigid.render.camera import Camera
 from quasirigid.render.pictures import Renderer, RenderOptions
 from quasirigid.render.triangles import rasterise

@@ -22,6 +22,7 @@ from quasirigid.objects.sampling import sample_mesh
 from quasirigid.rotation import matrix_of, rotate
 from quasirigid.scene.meshes import SAGITTA, in_drawing_order, is_convex, mirrored, tapered_capsule, thinned, triangulate
 from quasirigid.scene.model import Moved
+from quasirigid.scene.sharp_edges import divided, sharpened
 
 OPTIONS = GraspOptions(points=4_000)
 
@@ -82,6 +83,32 @@ def test_of_a_box_the_corners_are_enough(size: tuple[float, float, float], n: in
     depth = -(normals @ surface.points.T - np.einsum("ij,ij->i", normals, corners)[:, None]).max(axis=0)
     assert depth.max() <= SAGITTA * (1 + 1e-9), depth.max()
     assert depth.min() > -1e-7, depth.min()
+
+
+@settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck))
+@given(size=st.tuples(*[st.floats(0.02, 0.1)] * 3), n=st.integers(1500, 5000))
+def test_a_sharpened_box_is_the_box(size: tuple[float, float, float], n: int) -> None:
+    surface = qr.Surface.box(size, points=n)
+    points, normals, faces = sharpened(surface.points, surface.normals, triangulate(surface.points, surface.normals))
+    mesh = trimesh.Trimesh(points, faces)  # vertices of the two sides of an edge are one again
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(np.prod(size), rel=1e-6), mesh.volume / np.prod(size)
+    # Every triangle lies in a face of the box, and so do the normals of its corners.
+    broad = trimesh.triangles.area(points[faces]) > 1e-12
+    flat, _ = trimesh.triangles.normals(points[faces][broad])
+    turn = np.einsum("ij,ikj->ik", flat, normals[faces][broad]).min()
+    assert turn > 1.0 - 1e-6, f"a corner's normal is {np.degrees(np.arccos(turn)):.2f} degrees off"
+
+
+def test_divided_triangles_cover_the_same_surface() -> None:
+    surface = qr.Surface.sphere(0.03, points=500)
+    faces = triangulate(surface.points, surface.normals)
+    points, normals, fine = divided(surface.points, surface.normals, faces)
+    whole, small = enclosed(surface.points, faces), enclosed(points, fine)
+    assert len(fine) == 4 * len(faces)
+    assert small.is_watertight
+    assert small.volume == pytest.approx(whole.volume, rel=1e-12)
+    np.testing.assert_allclose(normals, points / np.linalg.norm(points, axis=1)[:, None], atol=1e-3)
 
 
 @pytest.mark.parametrize("n", [300, 3000])

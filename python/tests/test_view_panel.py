@@ -1,4 +1,6 @@
-"""The panel of the live view and what it commands, without a browser: figures, objects to choose from, hands, and bugs that are survived."""
+"""The panel of the live view and what it commands, without a browser: figures, objects to choose from, hands, and bugs that
+are survived.
+"""
 
 from __future__ import annotations
 

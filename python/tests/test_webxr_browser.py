@@ -148,9 +148,9 @@ def move(page: Any, keys: list[list[float]]) -> None:
 
 
 def check_lift(lifted: float, *, late: float, gap: float) -> None:
-    """The box (``lifted``, m) went as high as the hand. Where the machine was too busy for real time (``gap`` s without a hand, or a step ``late`` s
-    late), the hand was shown in a hurry to catch up (``quasirigid.mocap.real_time_clock``), and the box may have slid down between the pads: then the test is
-    skipped, visibly.
+    """The box (``lifted``, m) went as high as the hand. Where the machine was too busy for real time (``gap`` s without a hand, or a step
+    ``late`` s late), the hand was shown in a hurry to catch up (``quasirigid.mocap.real_time_clock``), and the box may have slid down
+    between the pads: then the test is skipped, visibly.
     """
     told = f"lifted by {1e3 * lifted:.1f} mm, the hand by {1e3 * LIFT:.0f} mm; {gap:.2f} s without a hand, a step {late:.2f} s late"
     print(told)
@@ -254,7 +254,8 @@ def test_in_the_room_of_the_person_nothing_hides_it(browser: Any, emulator: str,
         assert "VR" in page.inner_text("#vr")
         # A session that cannot be set up is ended, or the headset would stay in it and allow no other.
         page.evaluate(
-            "const xr = quasirigid.renderer.xr; const set = xr.setSession; xr.setSession = async () => { xr.setSession = set; throw Error('broken') }; null"
+            "const xr = quasirigid.renderer.xr; const set = xr.setSession; "
+            "xr.setSession = async () => { xr.setSession = set; throw Error('broken') }; null"
         )
         press(page, "#vr")
         until(page, "document.querySelector('#device').textContent.includes('did not start') && quasirigid.status.session === null")

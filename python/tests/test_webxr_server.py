@@ -280,7 +280,8 @@ def test_a_state_is_small_and_what_it_shows_is_where_it_is() -> None:
     session.run()
     sizes = np.array(seen.sizes)
     print(
-        f"state: median {np.median(sizes):.0f}, largest {sizes.max()} bytes; models {seen.models} bytes; off by {1e6 * seen.error:.1f} um at most"
+        f"state: median {np.median(sizes):.0f}, largest {sizes.max()} bytes; "
+        f"models {seen.models} bytes; off by {1e6 * seen.error:.1f} um at most"
     )
     assert np.median(sizes) < 10_000
     assert sizes.max() < 16_000

@@ -22,7 +22,8 @@ window.xrDevice = (open, closed, side = 'right') => {
   window.resting = device.hands[other];
 };
 
-// keys: [seconds, x, y, z, pinch], room; between them the hand moves with minimum jerk, in the time of the simulation that the page shows. A busy
+// keys: [seconds, x, y, z, pinch], room; between them the hand moves with minimum jerk, in the time
+// of the simulation that the page shows. A busy
 // machine draws few frames and simulates slowly: there the motion is slower, not coarser.
 const LONGEST = 0.02; // s between two frames
 

@@ -26,7 +26,9 @@ def joint_axes(ours: FloatArray) -> FloatArray:
 
 
 def hand(half_width: float, opening: float) -> tuple[FloatArray, FloatArray]:
-    """Places (25, 3) m and axes (25, 3, 3), WebXR, both in the world, of a hand whose pads are ``opening`` away from the box (m; < 0: inside)."""
+    """Places (25, 3) m and axes (25, 3, 3), WebXR, both in the world, of a hand whose pads are ``opening`` away from the box (m; < 0:
+    inside).
+    """
     away = half_width + RADIUS + opening
     places, axes = np.zeros((25, 3)), np.tile(joint_axes(np.eye(3)), (25, 1, 1))
 

@@ -1,4 +1,5 @@
-//! Makes the take that is shipped with the Python package: `cargo run --release -p quasirigid-mocap --example make_take -- FILE.take.gz [SEED]`
+//! Makes the take that is shipped with the Python package: `cargo run --release -p quasirigid-mocap --example make_take -- FILE.take.gz
+//! [SEED]`
 
 use quasirigid_mocap::synthetic::{PinchOptions, pinch_take};
 use std::path::Path;

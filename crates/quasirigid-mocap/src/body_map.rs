@@ -48,8 +48,8 @@ impl BodyMap {
         map.checked()
     }
 
-    /// From TOML: `side = "right"`, and a table for each finger (and `palm`) with `body`, and if wanted `position` (m) and `quaternion` (w, x, y, z)
-    /// of the tip frame in the body's frame, and `pad_radius` (m).
+    /// From TOML: `side = "right"`, and a table for each finger (and `palm`) with `body`, and if wanted `position` (m) and `quaternion` (w,
+    /// x, y, z) of the tip frame in the body's frame, and `pad_radius` (m).
     ///
     /// # Errors
     /// [`Error::InvalidValue`] with what is wrong.

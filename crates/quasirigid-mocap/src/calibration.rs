@@ -96,7 +96,8 @@ impl Calibration {
         std::fs::write(path, self.to_toml()).map_err(|e| Error::file(path.display(), "a place to write to", e, "choose another place"))
     }
 
-    /// From three touched points, m in the tracker's room: the world's origin, a point on its +x axis, and a point of the half plane y > 0, z = 0.
+    /// From three touched points, m in the tracker's room: the world's origin, a point on its +x axis, and a point of the half plane y > 0,
+    /// z = 0.
     ///
     /// # Errors
     /// [`Error::InvalidValue`] if they are not finite, closer than 1 cm, or nearly on one line (less than 1 cm beside it).
@@ -122,10 +123,12 @@ impl Calibration {
 
     /// From three or more points touched in the tracker's room and their places in the world, m: least squares.
     ///
-    /// Source: S. Umeyama, Least-squares estimation of transformation parameters between two point patterns, PAMI 13 (1991), eq. 40 to 42, without scale.
+    /// Source: S. Umeyama, Least-squares estimation of transformation parameters between two point patterns, PAMI 13 (1991), eq. 40 to 42,
+    /// without scale.
     ///
     /// # Errors
-    /// [`Error::InvalidValue`] for fewer than three points, lists of unequal length, numbers that are not finite, and points (nearly) on one line.
+    /// [`Error::InvalidValue`] for fewer than three points, lists of unequal length, numbers that are not finite, and points (nearly) on
+    /// one line.
     pub fn from_points(tracker: &[Vec3], world: &[Vec3]) -> Result<Self> {
         finite(tracker)?;
         finite(world)?;
@@ -196,7 +199,8 @@ mod tests {
         #[test]
         fn three_points_give_the_transform(world_from_tracker in pose(), x in 0.05..1.0f64, aside in -1.0..1.0f64, y in 0.05..1.0f64) {
             let touch = |p: Vec3| world_from_tracker.inverse_transform_point(&p.into()).coords;
-            let found = Calibration::from_three_points(touch(Vec3::zeros()), touch(Vec3::new(x, 0.0, 0.0)), touch(Vec3::new(aside, y, 0.0))).unwrap();
+            let touched = [Vec3::zeros(), Vec3::new(x, 0.0, 0.0), Vec3::new(aside, y, 0.0)].map(touch);
+            let found = Calibration::from_three_points(touched[0], touched[1], touched[2]).unwrap();
             let error = distance(&found.world_from_tracker, &world_from_tracker);
             prop_assert!(error < 1e-7, "{error}");
         }

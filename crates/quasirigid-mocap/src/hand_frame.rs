@@ -6,7 +6,8 @@
 //!
 //! - **tip**: origin in the centre of the sphere that models the pad, so the skin is `pad_radius` away from it. +X along the outstretched
 //!   finger (from the outer joint to the tip), +Z out of the nail, +Y completes. The pad faces -Z.
-//! - **palm**: origin in the knuckle (MCP joint) of the index finger. +X along the outstretched index finger, +Z out of the back of the hand,
+//! - **palm**: origin in the knuckle (MCP joint) of the index finger. +X along the outstretched index finger, +Z out of the back of the
+//!   hand,
 //!   +Y completes: it points to the thumb's side on a right hand and to the little finger's side on a left one. A stretched finger has
 //!   the orientation of the palm.
 //!

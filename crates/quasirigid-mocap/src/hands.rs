@@ -44,7 +44,8 @@ pub fn placement_from_pose(pose: &Pose) -> Placement {
 
 /// From DTrack's hand frame of one side to the palm frame of [`crate::hand_frame`], and back: it is its own inverse.
 ///
-/// DTrack's +Z leaves the palm of a right hand and the back of a left one; ours leaves the back of both. Half a turn about X for the right hand.
+/// DTrack's +Z leaves the palm of a right hand and the back of a left one; ours leaves the back of both. Half a turn about X for the right
+/// hand.
 pub fn palm_from_dtrack(side: Side) -> Rot {
     match side {
         Side::Left => Rot::identity(),
@@ -97,7 +98,8 @@ pub enum HandChoice {
 }
 
 impl HandChoice {
-    /// The hand on this `side`, or the bodies that `bodies` names: a TOML file (by its ending), which names its side itself, or a text such as `thumb=0,index=1`.
+    /// The hand on this `side`, or the bodies that `bodies` names: a TOML file (by its ending), which names its side itself, or a text such
+    /// as `thumb=0,index=1`.
     ///
     /// # Errors
     /// [`Error::File`] for a file that cannot be read; what [`BodyMap::from_toml`] and [`BodyMap::parse`] refuse.

@@ -98,8 +98,8 @@ impl Receiver {
     /// Opens the port and starts to listen.
     ///
     /// # Errors
-    /// [`Error::Network`] if the port is in use or not allowed, or the group cannot be joined; [`Error::InvalidValue`] for a size of 0 or over 65507 bytes,
-    /// and for two interfaces of one group.
+    /// [`Error::Network`] if the port is in use or not allowed, or the group cannot be joined; [`Error::InvalidValue`] for a size of 0 or
+    /// over 65507 bytes, and for two interfaces of one group.
     pub fn open(endpoint: Endpoint, options: &ReceiverOptions) -> Result<Self> {
         if !(1..=crate::dtrack::MAX_DATAGRAM).contains(&options.max_bytes) {
             return Err(Error::value("max_bytes", "1 to 65507 bytes", options.max_bytes, "32768 is the vendor's own limit"));
@@ -205,7 +205,8 @@ fn open_socket(endpoint: &Endpoint, options: &ReceiverOptions) -> Result<UdpSock
         return Ok(socket.into());
     };
     let interface = interface(options)?;
-    // A socket that is bound to an address of this machine hears no group. Where the group itself can be bound to, others on the same port are not heard.
+    // A socket that is bound to an address of this machine hears no group. Where the group itself can be bound to, others on the same port
+    // are not heard.
     let address = if cfg!(unix) { *group } else { Ipv4Addr::UNSPECIFIED };
     socket.bind(&SocketAddr::from((address, port)).into()).map_err(refuse)?;
     let hint = "check that the network is up, or name the interface to use by its address: `bind`, or --bind on the command line";

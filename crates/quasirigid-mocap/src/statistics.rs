@@ -10,8 +10,9 @@ const REMEMBERED: usize = 256;
 const PAUSE: f64 = 0.5;
 /// and one that so many packets in a row rise with from below the newest frame, for so long (s).
 const SET_BACK: (u32, f64) = (4, 0.2);
-/// A counter that leaps by more than this, either way, is believed only when the next packet goes on from there: a damaged or forged datagram may bear any
-/// number. Upwards it may be `PACE` times what the tracker counts in the time since the newest frame, and downwards anything after a `PAUSE`.
+/// A counter that leaps by more than this, either way, is believed only when the next packet goes on from there: a damaged or forged
+/// datagram may bear any number. Upwards it may be `PACE` times what the tracker counts in the time since the newest frame, and downwards
+/// anything after a `PAUSE`.
 const LEAP: i64 = 1000;
 const PACE: f64 = 2.0;
 /// Arrivals from which rate and jitter are taken.
@@ -327,7 +328,8 @@ mod tests {
         assert_eq!(counter.lost(), 3600);
     }
 
-    /// A take that is sent again, or a measurement that is started again: after a while, at once, and one so short that all its counters are remembered.
+    /// A take that is sent again, or a measurement that is started again: after a while, at once, and one so short that all its counters
+    /// are remembered.
     #[test]
     fn a_counter_that_falls_back_by_less_than_a_thousand_is_a_restart_too() {
         for (frames, pause) in [(600u32, 3.0), (600, 0.02), (100, 3.0), (100, 0.02)] {

@@ -1,8 +1,9 @@
 //! A take made by a program: a right hand reaches for a box, pinches it, lifts it by 10 cm, turns it by 30 degrees and puts it down again.
 //!
-//! Motion like that of people: minimum jerk from place to place (Flash and Hogan 1985), tremor of 8 to 12 Hz, measurement noise, arrivals with jitter,
-//! and the middle finger lost for 0.2 s during the lift. For the box of the scene `grasp`: 60 x 60 x 80 mm, standing on z = 0 about the origin of the world,
-//! taken by the faces at x = -0.03 (thumb) and x = +0.03 (index and middle). The room of the tracker is the world.
+//! Motion like that of people: minimum jerk from place to place (Flash and Hogan 1985), tremor of 8 to 12 Hz, measurement noise, arrivals
+//! with jitter, and the middle finger lost for 0.2 s during the lift. For the box of the scene `grasp`: 60 x 60 x 80 mm, standing on z = 0
+//! about the origin of the world, taken by the faces at x = -0.03 (thumb) and x = +0.03 (index and middle). The room of the tracker is the
+//! world.
 
 use crate::dtrack::{Hand, HandFinger, Packet, Placement};
 use crate::error::{Result, check_within};
@@ -41,8 +42,8 @@ const KNUCKLE: Vec3 = Vec3::new(-0.014, 0.5 * SPREAD, 0.067);
 /// Lengths of outer, middle and inner phalanx, m.
 const LENGTHS: [[f64; 3]; 3] = [[0.030, 0.034, 0.046], [0.024, 0.028, 0.048], [0.026, 0.030, 0.050]];
 
-/// Roots of thumb, index and middle finger in the palm frame of the right hand, m. That of the thumb is put where a chain that bends in one plane can start from;
-/// a real one has a saddle joint near the wrist.
+/// Roots of thumb, index and middle finger in the palm frame of the right hand, m. That of the thumb is put where a chain that bends in one
+/// plane can start from; a real one has a saddle joint near the wrist.
 const ROOTS: [Vec3; 3] = [Vec3::new(0.036, -0.5 * SPREAD, 0.0), Vec3::new(0.0, 0.0, 0.0), Vec3::new(0.0, -SPREAD, 0.0)];
 
 /// What can be chosen about the take.
@@ -109,8 +110,8 @@ pub fn hand_at(t: f64) -> HandFrame {
     frame
 }
 
-/// The mirror image in the plane y = 0, of the other hand. Frames are mirrored with their y axes: x along the finger and z out of the nail (or the
-/// back of the hand) stay so.
+/// The mirror image in the plane y = 0, of the other hand. Frames are mirrored with their y axes: x along the finger and z out of the nail
+/// (or the back of the hand) stay so.
 pub fn mirrored(frame: &HandFrame) -> HandFrame {
     let mirror = |pose: &Pose| {
         let (p, q) = (pose.translation.vector, pose.rotation);
@@ -215,7 +216,8 @@ fn bend(tip: &Pose, root: Vec3, [outer, middle, inner]: [f64; 3]) -> [f64; 2] {
     let corner = ((middle * middle + distance * distance - inner * inner) / (2.0 * middle * distance)).clamp(-1.0, 1.0).acos();
     let direction = to_root.y.atan2(to_root.x) - corner;
     let joint = nalgebra::Vector2::new(middle * direction.cos(), middle * direction.sin());
-    // X(R_m) = cos a X_o - sin a Z_o points from the middle to the outer joint, so a is negative where the joint lies on the side of the pad.
+    // X(R_m) = cos a X_o - sin a Z_o points from the middle to the outer joint, so a is negative where the joint lies on the side of the
+    // pad.
     let along_middle = -joint;
     let along_inner = joint - to_root;
     let angle = |v: nalgebra::Vector2<f64>| -v.y.atan2(v.x);

@@ -12,9 +12,10 @@
 //! fr 2
 //! ```
 //!
-//! `# packet` has the arrival in s and the length of the packet in bytes. Other lines with `#` are notes. A file without any `# packet`, packets put
-//! one behind the other as they were captured elsewhere, is a take too: every `fr` starts a packet, and times are those of the tracker. A file that was cut
-//! loses its last packet and no more; a file that an editor has gone over (other line ends) is read by its lines. Compressed (gzip) files are read as well.
+//! `# packet` has the arrival in s and the length of the packet in bytes. Other lines with `#` are notes. A file without any `# packet`,
+//! packets put one behind the other as they were captured elsewhere, is a take too: every `fr` starts a packet, and times are those of the
+//! tracker. A file that was cut loses its last packet and no more; a file that an editor has gone over (other line ends) is read by its
+//! lines. Compressed (gzip) files are read as well.
 
 use crate::dtrack::{MAX_DATAGRAM, Packet, PacketError};
 use crate::error::{Error, Result};
@@ -252,8 +253,8 @@ fn marked(text: &[u8]) -> Option<(f64, usize, &[u8])> {
     (0.0..LONGEST).contains(&arrival).then_some((arrival, length, after))
 }
 
-/// Where a packet that should have so many bytes ends, and whether it is all there. If the count does not fit (the file was edited, or cut), it ends where
-/// the next line with `#` starts.
+/// Where a packet that should have so many bytes ends, and whether it is all there. If the count does not fit (the file was edited, or
+/// cut), it ends where the next line with `#` starts.
 fn packet_end(text: &[u8], length: usize) -> (usize, bool) {
     let fits = length <= MAX_DATAGRAM && length <= text.len();
     let after = text.get(length..).unwrap_or_default();
@@ -306,7 +307,8 @@ mod tests {
 
         #[test]
         fn every_note_is_read_back(note in prop_oneof![
-            "[ -~]{0,24}", Just(HEADER[2..].to_owned()), Just("take 1".to_owned()), Just("packet 1.0 20".to_owned()), Just("# a heading".to_owned()),
+            "[ -~]{0,24}", Just(HEADER[2..].to_owned()), Just("take 1".to_owned()), Just("packet 1.0 20".to_owned()),
+            Just("# a heading".to_owned()),
         ]) {
             let whole = Take { notes: vec![note.trim().to_owned()], ..take(2) };
             prop_assert_eq!(Take::from_bytes(&whole.to_bytes()), whole);

@@ -58,8 +58,8 @@ impl TakeWriter {
     /// A packet that came at `arrival`, s since the recording started.
     ///
     /// # Errors
-    /// [`Error::File`], when the disk is full for instance; [`Error::InvalidValue`] for an arrival before the start, or eleven days (1e6 s) after that of
-    /// the take.
+    /// [`Error::File`], when the disk is full for instance; [`Error::InvalidValue`] for an arrival before the start, or eleven days (1e6 s)
+    /// after that of the take.
     pub fn packet(&mut self, arrival: f64, bytes: &[u8]) -> Result<()> {
         // Rounded as it is written, it must be read back.
         let last = LONGEST - 1.0 - self.start;

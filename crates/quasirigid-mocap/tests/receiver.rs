@@ -162,7 +162,8 @@ fn waiting_ends_when_a_packet_comes() {
 #[test]
 fn multicast_in_a_network_of_its_own() {
     let inner = std::env::current_exe().unwrap();
-    let script = "ip link set lo up && ip link set lo multicast on && ip route add 224.0.0.0/4 dev lo && exec \"$0\" --ignored --exact multicast_group --nocapture";
+    let script = "ip link set lo up && ip link set lo multicast on && ip route add 224.0.0.0/4 dev lo && exec \"$0\" --ignored --exact \
+        multicast_group --nocapture";
     let probe = Command::new("unshare").args(["-rn", "sh", "-c", "ip link set lo up && ip route add 224.0.0.0/4 dev lo"]).output();
     if !probe.is_ok_and(|out| out.status.success()) {
         eprintln!("skipped: no private network here (unshare -rn and ip are needed)");

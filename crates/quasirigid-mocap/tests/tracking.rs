@@ -79,15 +79,16 @@ fn no_jump_at_any_rate_with_loss_jitter_duplicates_and_reordering() {
 /// With which what is seen elsewhere glides there, m/s and rad/s.
 const FASTEST: (f64, f64) = (0.5, 3.0);
 
-/// What came of [`unseen_frames`]: largest step (m, rad) of the tips, how far one was from the hand (m) at most before the hand was set aside and in the last half second.
+/// What came of [`unseen_frames`]: largest step (m, rad) of the tips, how far one was from the hand (m) at most before the hand was set
+/// aside and in the last half second.
 struct Followed {
     step: (f64, f64),
     off: f64,
     off_at_last: f64,
 }
 
-/// A stream of the rate without disturbance, but some frames see none of `parts` (5 is the palm), and from 1.5 s on, in the middle of the motion, these
-/// are put elsewhere by `aside`. Weights stay up all the time.
+/// A stream of the rate without disturbance, but some frames see none of `parts` (5 is the palm), and from 1.5 s on, in the middle of the
+/// motion, these are put elsewhere by `aside`. Weights stay up all the time.
 fn unseen_frames(rate: f64, delay: Delay, parts: &[usize], unseen: impl Fn(usize) -> bool, aside: impl Fn(f64, Pose) -> Pose) -> Followed {
     let mut tracker = HandTracker::new(Side::Right, Pose::identity(), TrackingOptions { delay, ..Default::default() }).unwrap();
     let placed = |k: usize, t: f64, pose: Pose| if t >= 1.5 && parts.contains(&k) { aside(t, pose) } else { pose };
@@ -123,7 +124,8 @@ fn unseen_frames(rate: f64, delay: Delay, parts: &[usize], unseen: impl Fn(usize
     found
 }
 
-/// Another place for the whole hand after one unseen frame (the page of a headset recentres), or for one finger (two markers are taken for each other).
+/// Another place for the whole hand after one unseen frame (the page of a headset recentres), or for one finger (two markers are taken for
+/// each other).
 #[test]
 fn what_is_seen_elsewhere_after_one_unseen_frame_glides_there() {
     let hand = largest_hand_step();

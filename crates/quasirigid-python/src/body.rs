@@ -170,8 +170,10 @@ impl Body {
 
     #[doc = doc!("Body.set_drive")]
     #[allow(clippy::too_many_arguments)] // keyword arguments
-    #[pyo3(signature = (position, quaternion = None, *, stiffness, damping, linear_velocity = None, angular_velocity = None, max_pull = None, max_speed = None),
-           text_signature = "($self, position, quaternion=None, *, stiffness, damping, linear_velocity=(0.0, 0.0, 0.0), angular_velocity=(0.0, 0.0, 0.0), max_pull=None, max_speed=None)")]
+    #[pyo3(signature = (position, quaternion = None, *, stiffness, damping, linear_velocity = None, angular_velocity = None,
+                        max_pull = None, max_speed = None),
+           text_signature = "($self, position, quaternion=None, *, stiffness, damping, linear_velocity=(0.0, 0.0, 0.0), \
+                             angular_velocity=(0.0, 0.0, 0.0), max_pull=None, max_speed=None)")]
     fn set_drive(
         &self,
         py: Python<'_>,
@@ -228,19 +230,6 @@ impl Body {
     fn displacements<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
         let values = self.of_first(py, displacements)?.unwrap_or_default();
         conv::from_points(py, values)
-    }
-
-    fn __eq__(&self, other: &Self) -> bool {
-        self.handle == other.handle
-    }
-
-    // The usual one asks for the truth of what `==` says, and an array that is compared with has none.
-    fn __ne__(&self, other: &Self) -> bool {
-        self.handle != other.handle
-    }
-
-    fn __hash__(&self) -> u64 {
-        crate::value::hash_of(&self.handle)
     }
 
     fn __repr__(&self, py: Python<'_>) -> String {

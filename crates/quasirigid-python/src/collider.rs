@@ -4,7 +4,7 @@ use crate::conv;
 use crate::errors::OrRaise;
 use crate::material::Material;
 use crate::process::SharedWorld;
-use crate::skin::{deformed_points, displacements, material, surface};
+use crate::skin::{deformed_points, displacements, material, moved_points, surface};
 use crate::surface::Surface;
 use numpy::PyArray2;
 use pyo3::prelude::*;
@@ -116,6 +116,12 @@ impl Collider {
         conv::from_points(py, points)
     }
 
+    #[doc = doc!("Collider.moved_points")]
+    fn moved_points<'py>(&self, py: Python<'py>) -> PyResult<conv::Numbered<'py>> {
+        let moved = self.read(py, moved_points)?;
+        conv::from_numbered(py, moved)
+    }
+
     #[doc = doc!("Collider.displacements")]
     fn displacements<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
         let values = self.read(py, displacements)?;
@@ -125,19 +131,6 @@ impl Collider {
     #[doc = doc!("Collider.remove")]
     fn remove(&self, py: Python<'_>) -> PyResult<()> {
         self.world.lock(py)?.remove_collider(self.handle).or_raise(py)
-    }
-
-    fn __eq__(&self, other: &Self) -> bool {
-        self.handle == other.handle
-    }
-
-    // The usual one asks for the truth of what `==` says, and an array that is compared with has none.
-    fn __ne__(&self, other: &Self) -> bool {
-        self.handle != other.handle
-    }
-
-    fn __hash__(&self) -> u64 {
-        crate::value::hash_of(&self.handle)
     }
 
     fn __repr__(&self, py: Python<'_>) -> String {

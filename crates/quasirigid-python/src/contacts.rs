@@ -69,118 +69,54 @@ impl Contacts {
             control_point: contacts.iter().map(|c| c.control_point).collect(),
         }
     }
+
+    /// Normal forces over the areas of the control points, Pa.
+    fn normal_pressures(&self) -> Vec<Real> {
+        self.reactions.iter().zip(&self.areas).map(|(f, area)| f.x / area).collect()
+    }
+}
+
+/// A getter for every field: its docstring in the stubs, its name, its array and what that holds of `self`. The fields are those of the
+/// table in `python/quasirigid/scene/contact_fields.py`; a test there holds shapes, types, units and docstrings against it.
+macro_rules! getters {
+    ($($doc:tt $name:ident -> $array:ty: |$contacts:ident, $py:ident| $value:expr;)+) => {
+        #[pymethods]
+        impl Contacts {
+            $(
+                #[doc = doc!($doc)]
+                #[getter]
+                fn $name<'py>(&self, $py: Python<'py>) -> PyResult<Bound<'py, $array>> {
+                    let $contacts = self;
+                    $value
+                }
+            )+
+        }
+    };
+}
+
+getters! {
+    "Contacts.points" points -> PyArray2<Real>: |c, py| conv::from_points(py, c.points.iter().copied());
+    "Contacts.normals" normals -> PyArray2<Real>: |c, py| conv::from_points(py, c.frames.iter().map(|e| e.column(0).into_owned()));
+    "Contacts.frames" frames -> PyArray3<Real>: |c, py| conv::from_matrices(py, c.frames.iter().copied());
+    "Contacts.forces" forces -> PyArray2<Real>: |c, py| conv::from_points(py, c.frames.iter().zip(&c.reactions).map(|(e, f)| e * f));
+    "Contacts.reactions" reactions -> PyArray2<Real>: |c, py| conv::from_points(py, c.reactions.iter().copied());
+    "Contacts.gaps" gaps -> PyArray1<Real>: |c, py| Ok(conv::from_vec(py, c.gaps.clone()));
+    "Contacts.pressures" pressures -> PyArray1<Real>: |c, py| Ok(conv::from_vec(py, c.normal_pressures()));
+    "Contacts.areas" areas -> PyArray1<Real>: |c, py| Ok(conv::from_vec(py, c.areas.clone()));
+    "Contacts.friction" friction -> PyArray1<Real>: |c, py| Ok(conv::from_vec(py, c.friction.clone()));
+    "Contacts.friction_ratio" friction_ratio -> PyArray1<Real>: |c, py| Ok(conv::from_vec(py, c.friction_ratio.clone()));
+    "Contacts.status" status -> PyArray1<u8>: |c, py| Ok(conv::from_vec(py, c.status.clone()));
+    "Contacts.body_a" body_a -> PyArray1<u32>: |c, py| Ok(conv::from_vec(py, c.body_a.clone()));
+    "Contacts.link_a" link_a -> PyArray1<u32>: |c, py| Ok(conv::from_vec(py, c.link_a.clone()));
+    "Contacts.collider_a" collider_a -> PyArray1<u32>: |c, py| Ok(conv::from_vec(py, c.collider_a.clone()));
+    "Contacts.control_point" control_point -> PyArray1<u32>: |c, py| Ok(conv::from_vec(py, c.control_point.clone()));
+    "Contacts.body_b" body_b -> PyArray1<u32>: |c, py| Ok(conv::from_vec(py, c.body_b.clone()));
+    "Contacts.link_b" link_b -> PyArray1<u32>: |c, py| Ok(conv::from_vec(py, c.link_b.clone()));
+    "Contacts.collider_b" collider_b -> PyArray1<u32>: |c, py| Ok(conv::from_vec(py, c.collider_b.clone()));
 }
 
 #[pymethods]
 impl Contacts {
-    #[doc = doc!("Contacts.points")]
-    #[getter]
-    fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
-        conv::from_points(py, self.points.iter().copied())
-    }
-
-    #[doc = doc!("Contacts.normals")]
-    #[getter]
-    fn normals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
-        conv::from_points(py, self.frames.iter().map(|e| e.column(0).into_owned()))
-    }
-
-    #[doc = doc!("Contacts.frames")]
-    #[getter]
-    fn frames<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<Real>>> {
-        conv::from_matrices(py, self.frames.iter().copied())
-    }
-
-    #[doc = doc!("Contacts.gaps")]
-    #[getter]
-    fn gaps<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
-        conv::from_vec(py, self.gaps.clone())
-    }
-
-    #[doc = doc!("Contacts.reactions")]
-    #[getter]
-    fn reactions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
-        conv::from_points(py, self.reactions.iter().copied())
-    }
-
-    #[doc = doc!("Contacts.forces")]
-    #[getter]
-    fn forces<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<Real>>> {
-        conv::from_points(py, self.frames.iter().zip(&self.reactions).map(|(e, f)| e * f))
-    }
-
-    #[doc = doc!("Contacts.areas")]
-    #[getter]
-    fn areas<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
-        conv::from_vec(py, self.areas.clone())
-    }
-
-    #[doc = doc!("Contacts.pressures")]
-    #[getter]
-    fn pressures<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
-        conv::from_vec(py, self.reactions.iter().zip(&self.areas).map(|(f, area)| f.x / area).collect())
-    }
-
-    #[doc = doc!("Contacts.friction")]
-    #[getter]
-    fn friction<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
-        conv::from_vec(py, self.friction.clone())
-    }
-
-    #[doc = doc!("Contacts.friction_ratio")]
-    #[getter]
-    fn friction_ratio<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<Real>> {
-        conv::from_vec(py, self.friction_ratio.clone())
-    }
-
-    #[doc = doc!("Contacts.status")]
-    #[getter]
-    fn status<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u8>> {
-        conv::from_vec(py, self.status.clone())
-    }
-
-    #[doc = doc!("Contacts.body_a")]
-    #[getter]
-    fn body_a<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
-        conv::from_vec(py, self.body_a.clone())
-    }
-
-    #[doc = doc!("Contacts.body_b")]
-    #[getter]
-    fn body_b<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
-        conv::from_vec(py, self.body_b.clone())
-    }
-
-    #[doc = doc!("Contacts.link_a")]
-    #[getter]
-    fn link_a<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
-        conv::from_vec(py, self.link_a.clone())
-    }
-
-    #[doc = doc!("Contacts.link_b")]
-    #[getter]
-    fn link_b<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
-        conv::from_vec(py, self.link_b.clone())
-    }
-
-    #[doc = doc!("Contacts.collider_a")]
-    #[getter]
-    fn collider_a<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
-        conv::from_vec(py, self.collider_a.clone())
-    }
-
-    #[doc = doc!("Contacts.collider_b")]
-    #[getter]
-    fn collider_b<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
-        conv::from_vec(py, self.collider_b.clone())
-    }
-
-    #[doc = doc!("Contacts.control_point")]
-    #[getter]
-    fn control_point<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
-        conv::from_vec(py, self.control_point.clone())
-    }
-
     fn __len__(&self) -> usize {
         self.points.len()
     }

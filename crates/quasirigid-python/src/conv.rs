@@ -1,7 +1,7 @@
 //! All conversions between NumPy and the engine.
 //!
-//! In: anything that `numpy.asarray(x, float64)` takes; the shape is checked, NaN and infinity are refused. Out: arrays that own their data.
-//! Quaternions are (w, x, y, z) on the Python side.
+//! In: anything that `numpy.asarray(x, float64)` takes; the shape is checked, NaN and infinity are refused. Out: arrays that own their
+//! data. Quaternions are (w, x, y, z) on the Python side.
 
 use crate::errors::{OrRaise, to_py};
 use nalgebra as na;
@@ -143,7 +143,8 @@ pub fn pose(position: &Bound<'_, PyAny>, turn: Option<&Bound<'_, PyAny>>, curren
     Ok(Pose::from_parts(vec3(position, "position")?.into(), rotation))
 }
 
-/// A number from Python. One that is too large for a double is an error of its value, and what turns out to be no number, such as an array of text, one of its type.
+/// A number from Python. One that is too large for a double is an error of its value, and what turns out to be no number, such as an array
+/// of text, one of its type.
 pub fn real(value: &Bound<'_, PyAny>) -> PyResult<Real> {
     let py = value.py();
     value.extract().map_err(|error: PyErr| {
@@ -290,7 +291,8 @@ pub fn from_matrices<'py>(py: Python<'py>, matrices: impl IntoIterator<Item = Ma
     values.into_pyarray(py).reshape([n, 3, 3])
 }
 
-/// A copy of the state of `property`, a name such as `Body.position`, that cannot be changed in place: what wrote into it would wait in vain for the world to notice.
+/// A copy of the state of `property`, a name such as `Body.position`, that cannot be changed in place: what wrote into it would wait in
+/// vain for the world to notice.
 ///
 /// The classes, with the texts of their refusals, are in `quasirigid.arrays.read_only`.
 pub fn state<'py, D>(property: &str, array: Bound<'py, PyArray<Real, D>>) -> PyResult<Bound<'py, PyAny>>

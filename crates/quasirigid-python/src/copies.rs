@@ -1,4 +1,5 @@
-//! What is copied and pickled beside its world: handles and controllers. In one call of `copy.deepcopy` or pickle they belong to the same copy of the world.
+//! What is copied and pickled beside its world: handles and controllers. In one call of `copy.deepcopy` or pickle they belong to the same
+//! copy of the world.
 
 use crate::body::Body;
 use crate::collider::Collider;

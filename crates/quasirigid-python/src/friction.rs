@@ -19,7 +19,8 @@ pub struct Friction {
 impl Friction {
     #[new]
     #[allow(clippy::too_many_arguments)] // keyword arguments
-    #[pyo3(signature = (r#static, kinetic = None, *, stribeck_velocity = USUAL_STRIBECK_VELOCITY, viscous = 0.0, direction = None, ratio = None),
+    #[pyo3(signature = (r#static, kinetic = None, *, stribeck_velocity = USUAL_STRIBECK_VELOCITY, viscous = 0.0, direction = None,
+                        ratio = None),
            text_signature = "(static, kinetic=None, *, stribeck_velocity=1e-3, viscous=0.0, direction=None, ratio=None)")]
     fn new(
         py: Python<'_>,

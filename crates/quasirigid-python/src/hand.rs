@@ -379,19 +379,6 @@ impl Hand {
         Ok(Grip::new(self.world.clone(), grip))
     }
 
-    fn __eq__(&self, other: &Self) -> bool {
-        self.handle == other.handle
-    }
-
-    // The usual one asks for the truth of what `==` says, and an array that is compared with has none.
-    fn __ne__(&self, other: &Self) -> bool {
-        self.handle != other.handle
-    }
-
-    fn __hash__(&self) -> u64 {
-        crate::value::hash_of(&self.handle)
-    }
-
     fn __repr__(&self, py: Python<'_>) -> String {
         let text = self.read(py, |_, hand| Ok(format!("Hand({:?}, {} fingers)", hand.model.name(), hand.fingers.len())));
         text.unwrap_or_else(|_| "Hand(removed)".into())

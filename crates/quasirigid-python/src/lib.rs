@@ -1,6 +1,7 @@
 //! The compiled module `quasirigid._quasirigid`: one file per class, conversions in `conv`, errors in `errors`. No physics here.
 //!
-//! Docstrings live in `python/quasirigid/_quasirigid.pyi`, where editors and type checkers read them; `build.rs` makes the macro `doc` of them.
+//! Docstrings live in `python/quasirigid/_quasirigid.pyi`, where editors and type checkers read them; `build.rs` makes the macro `doc` of
+//! them.
 
 include!(concat!(env!("OUT_DIR"), "/docs.rs"));
 
@@ -16,6 +17,7 @@ mod friction_sides;
 mod grip;
 mod hand;
 mod hand_model;
+mod handle;
 mod mass_properties;
 mod material;
 mod mocap;
@@ -33,6 +35,7 @@ mod solver;
 mod surface;
 mod value;
 mod world;
+mod world_objects;
 
 use pyo3::prelude::*;
 

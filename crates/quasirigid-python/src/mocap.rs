@@ -36,7 +36,8 @@ pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
     crate::errors::make(py, class, [what, expected, got, hint])
 }
 
-/// What is shared, to read it, waiting without the GIL: whoever has it may want the GIL before it gives it back. An error is raised after that.
+/// What is shared, to read it, waiting without the GIL: whoever has it may want the GIL before it gives it back. An error is raised after
+/// that.
 pub(crate) fn read<'a, T>(py: Python<'_>, shared: &'a RwLock<T>) -> RwLockReadGuard<'a, T> {
     shared.read_py_attached(py).unwrap_or_else(PoisonError::into_inner)
 }
@@ -259,7 +260,8 @@ impl Receiver {
 #[pymethods]
 impl Receiver {
     #[new]
-    #[pyo3(signature = (connection = "5000", *, bind = "0.0.0.0", interface = "0.0.0.0", max_bytes = 32_768.into(), controller_port = 50_107.into()),
+    #[pyo3(signature = (connection = "5000", *, bind = "0.0.0.0", interface = "0.0.0.0", max_bytes = 32_768.into(),
+                        controller_port = 50_107.into()),
            text_signature = "(connection='5000', *, bind='0.0.0.0', interface='0.0.0.0', max_bytes=32768, controller_port=50107)")]
     fn new(
         py: Python<'_>,

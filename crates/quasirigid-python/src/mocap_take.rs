@@ -214,7 +214,8 @@ impl Replay {
 impl Replay {
     #[new]
     #[allow(clippy::too_many_arguments)] // keyword arguments
-    #[pyo3(signature = (take, targets = vec![], *, speed = 1.0, rounds = 1.into(), source_port = 50_107.into(), bind = None, serve_greeters = true,
+    #[pyo3(signature = (take, targets = vec![], *, speed = 1.0, rounds = 1.into(), source_port = 50_107.into(), bind = None,
+                        serve_greeters = true,
                         bodies = false),
            text_signature = "(take, targets=(), *, speed=1.0, rounds=1, source_port=50107, bind=None, serve_greeters=True, bodies=False)")]
     fn new(

@@ -1,7 +1,7 @@
 //! What a forked child may not use, and mutexes that it does not wait for in vain.
 //!
-//! A child has the memory of its parent and none of its threads. A mutex that one of them held when the process was forked stays locked in the child for ever, and what it
-//! guards is half changed.
+//! A child has the memory of its parent and none of its threads. A mutex that one of them held when the process was forked stays locked in
+//! the child for ever, and what it guards is half changed.
 
 use pyo3::prelude::*;
 use pyo3::sync::MutexExt;
@@ -17,8 +17,8 @@ pub fn elsewhere(py: Python<'_>, what: &str, got: &str, hint: &str) -> PyErr {
 
 /// A mutex that knows in which process it is.
 ///
-/// Python forks while it holds the GIL. So a thread that holds the GIL and finds the mutex free in a child knows that no thread of the parent held it then, and one that finds
-/// it locked before anybody has used it in this process knows that nobody will ever let go of it.
+/// Python forks while it holds the GIL. So a thread that holds the GIL and finds the mutex free in a child knows that no thread of the
+/// parent held it then, and one that finds it locked before anybody has used it in this process knows that nobody will ever let go of it.
 pub struct ForkMutex<T> {
     content: Arc<Mutex<T>>,
     /// The process in which it was last found in order.
@@ -30,7 +30,8 @@ pub struct ForkMutex<T> {
 /// The engine of a world, which the world and the handles that it gave out share. Threads may look at it while one steps.
 pub type SharedWorld = Arc<WorldEngine>;
 
-/// The engine of a world, and the `World` of Python that it belongs to, as long as somebody has that: what is copied or pickled beside it shall belong to the same copy.
+/// The engine of a world, and the `World` of Python that it belongs to, as long as somebody has that: what is copied or pickled beside it
+/// shall belong to the same copy.
 pub struct WorldEngine {
     engine: ForkMutex<quasirigid::World>,
     object: Mutex<Option<Py<PyWeakrefReference>>>,
@@ -71,8 +72,8 @@ impl<T> ForkMutex<T> {
         Self { content: Arc::new(Mutex::new(content)), process: AtomicU32::new(std::process::id()), what }
     }
 
-    /// What it guards, waiting without the GIL if another thread has it: that one may want the GIL before it gives it back. An error in a forked child, if a thread of its
-    /// parent had it at the fork.
+    /// What it guards, waiting without the GIL if another thread has it: that one may want the GIL before it gives it back. An error in a
+    /// forked child, if a thread of its parent had it at the fork.
     pub fn lock(&self, py: Python<'_>) -> PyResult<MutexGuard<'_, T>> {
         self.check(py)?;
         Ok(self.content.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner))

@@ -1,5 +1,5 @@
-//! Values: what never changes once it is made. Equal if the contents are equal, however they were made; copied by sharing; pickled as CBOR, which names its fields, so that a
-//! pickle of another version is refused rather than misread.
+//! Values: what never changes once it is made. Equal if the contents are equal, however they were made; copied by sharing; pickled as CBOR,
+//! which names its fields, so that a pickle of another version is refused rather than misread.
 
 use crate::errors::to_py;
 use pyo3::prelude::*;

@@ -1,10 +1,12 @@
-"""Arrays that are copies of what a world or a value holds: they can be read like any array, but not changed in place, for nobody would notice.
+"""Arrays that are copies of what a world or a value holds: they can be read like any array, but not changed in place, for nobody would
+notice.
 
 >>> import quasirigid as qr
 >>> world = qr.World()
 >>> world.gravity[2] = 0.0
 Traceback (most recent call last):
-quasirigid.errors.InvalidValueError: World.gravity: expected to be left as it is, for it is a copy, got a change in place; take a .copy(), change that, and assign it: world.gravity = ...
+quasirigid.errors.InvalidValueError: World.gravity: expected to be left as it is, for it is a copy, got a change in place; take a .copy(),
+change that, and assign it: world.gravity = ...
 >>> world.gravity *= 0.5
 >>> world.gravity
 array([ 0.   ,  0.   , -4.905])
@@ -52,7 +54,9 @@ _ASSIGNABLE = {"Hand.joint_positions", "Hand.joint_targets", "World.gravity"}
 
 
 class StateArray(Array):
-    """A copy of state. Every change in place raises ``InvalidValueError``; what is computed from it is a plain array of your own, and so is ``copy()``."""
+    """A copy of state. Every change in place raises ``InvalidValueError``; what is computed from it is a plain array of your own, and so is
+    ``copy()``.
+    """
 
     property_name: ClassVar[str]
 

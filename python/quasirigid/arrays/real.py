@@ -26,8 +26,8 @@ def refuse_masked(what: str, value: object) -> None:
 def real_array(what: str, value: Any, shape: str) -> FloatArray:
     """An array-like as an array of real numbers, of whatever shape; ``shape`` is for the error.
 
-    Raises ``InvalidShapeError`` for what is no array of real numbers (texts, dates, complex numbers, ragged lists) and ``InvalidValueError`` for
-    a masked array.
+    Raises ``InvalidShapeError`` for what is no array of real numbers (texts, dates, complex numbers, ragged lists) and
+    ``InvalidValueError`` for a masked array.
     """
     refuse_masked(what, value)
     got = type(value).__name__

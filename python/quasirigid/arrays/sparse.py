@@ -50,8 +50,8 @@ def from_block_rows(starts: Any, columns: Any, blocks: Any) -> Any:
 def checked_csr(what: str, W: Any) -> Any:
     """A sparse matrix of any format as a new ``csr_array`` of finite real numbers, columns rising, entries of the same place added up.
 
-    Raises ``InvalidShapeError`` for arrays whose lengths do not fit together, and ``InvalidValueError`` for indices out of range, row pointers that
-    fall, complex or masked entries, NaN and infinity; the message names the array.
+    Raises ``InvalidShapeError`` for arrays whose lengths do not fit together, and ``InvalidValueError`` for indices out of range, row
+    pointers that fall, complex or masked entries, NaN and infinity; the message names the array.
     """
     if len(W.shape) != 2:
         raise InvalidShapeError(what, "a matrix", f"shape {W.shape}", HINT)

@@ -87,7 +87,8 @@ def _contacts(rows: list[dict[str, Any]]) -> Table:
 def _growth(growth: dict[str, Any]) -> Text:
     few, most = growth["from_contacts"], growth["to_contacts"]
     return Text(
-        f"A contact among {most:,} costs {growth['in_motion']:.2f} times what it costs among {few:,} in motion, {growth['at_rest']:.2f} times at rest.",
+        f"A contact among {most:,} costs {growth['in_motion']:.2f} times what it costs among {few:,} in motion, "
+        f"{growth['at_rest']:.2f} times at rest.",
         style="cyan",
     )
 
@@ -110,6 +111,7 @@ def _notes(results: dict[str, Any]) -> list[RenderableType]:
         Text(f"{machine['processor']}, {machine['cores']} cores; quasirigid {results['quasirigid']}", style="dim"),
     ]
     if machine["load"] > 0.5 * machine["cores"]:
-        text = f"The machine was busy (load {machine['load']:.1f} before the run): wall-clock times, p99 above all, include waiting for a core."
+        load = machine["load"]
+        text = f"The machine was busy (load {load:.1f} before the run): wall-clock times, p99 above all, include waiting for a core."
         notes.append(Text(text, style="yellow"))
     return notes

@@ -3,8 +3,9 @@
 A phase is measured twice. *In motion* the hand is shaken, so that the solver has to find new forces in every step. *At rest* nothing
 moves, and nearly all is remembered from the step before. The figures that lead are those in motion.
 
-Times are wall-clock times of the step itself (``StepReport.step_time``); Python's share is not in them. On a machine that does other work the 99th
-percentile is that of being interrupted: ``cpu_p99_ms`` is the CPU time of a step and does not count that (but counts the call from Python).
+Times are wall-clock times of the step itself (``StepReport.step_time``); Python's share is not in them. On a machine that does other work
+the 99th percentile is that of being interrupted: ``cpu_p99_ms`` is the CPU time of a step and does not count that (but counts the call from
+Python).
 """
 
 from __future__ import annotations
@@ -135,8 +136,8 @@ class Grasp:
 class Conforming:
     """A flat plate on a flat support: as many contacts as control points, whatever their number.
 
-    Plate, weight and patch grow together, so that one contact is like another at every size. In motion the plate is pushed to and fro within its
-    friction by half of what it takes to slip.
+    Plate, weight and patch grow together, so that one contact is like another at every size. In motion the plate is pushed to and fro
+    within its friction by half of what it takes to slip.
     """
 
     def __init__(self, contacts: int, threads: int = 1) -> None:
@@ -238,9 +239,9 @@ def measure_contacts(contacts: int, threads: int, steps: int) -> dict[str, Any]:
 def measure_points(points: int, threads: int) -> dict[str, Any]:
     """Seconds from points to a surface ready for contact, in a process of its own with so many threads.
 
-    Three ways in: arrays of points with normals and areas, with normals, and bare; and two files (PLY, binary, single precision): points with normals, and
-    bare points. Wall-clock time under ``..._s``, CPU time of all threads under ``..._cpu_s``; a file's is from opening it to the surface, mass properties
-    included.
+    Three ways in: arrays of points with normals and areas, with normals, and bare; and two files (PLY, binary, single precision): points
+    with normals, and bare points. Wall-clock time under ``..._s``, CPU time of all threads under ``..._cpu_s``; a file's is from opening it
+    to the surface, mass properties included.
     """
     code = f"import json; from quasirigid.benchmark.timings import _build_surfaces; print(json.dumps(_build_surfaces({points})))"
     done = subprocess.run(

@@ -11,36 +11,8 @@ from rich.console import Console
 
 from quasirigid.cli.grasp_panel import grasp_panel
 from quasirigid.cli.help import command
-from quasirigid.cli.options import (
-    HOST,
-    PAGE,
-    PORT,
-    RUN,
-    AllowOrigin,
-    AsJson,
-    Browser,
-    Compliance,
-    ComplianceModel,
-    Friction,
-    Host,
-    Mass,
-    MaterialName,
-    Motion,
-    ObjectFile,
-    ObjectMotion,
-    Points,
-    Port,
-    Record,
-    Rotate,
-    Scale,
-    Seed,
-    Size,
-    Squeeze,
-    Support,
-    Threads,
-    TimeStep,
-    Up,
-)
+from quasirigid.cli.option_groups import GraspChoice, PageOptions, Together
+from quasirigid.cli.options import PAGE, RUN, AsJson, Record
 from quasirigid.cli.running import exit_code, placed, progress_bar, refuse_unheard, say
 
 if TYPE_CHECKING:
@@ -59,60 +31,24 @@ EXAMPLES = (
 
 def grasp(
     context: typer.Context,
-    object_file: ObjectFile = None,
-    scale: Scale = None,
-    size: Size = None,
-    up: Up = "z",
-    rotate: Rotate = None,
-    mass: Mass = None,
-    points: Points = None,
-    friction: Friction = None,
-    material: MaterialName = "wood",
-    squeeze: Squeeze = None,
-    compliance: ComplianceModel = Compliance.local,
-    object_motion: Motion = ObjectMotion.inertial,
-    support: Support = None,
-    dt: TimeStep = 1e-3,
+    *,
+    chosen: Annotated[GraspChoice, Together()],
     hold: Annotated[float, typer.Option(metavar="SECONDS", help="Length of the first hold.", rich_help_panel=RUN)] = 2.0,
-    threads: Threads = 1,
-    seed: Seed = 0,
     as_json: AsJson = False,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the files go.", rich_help_panel=RUN)] = Path("out/grasp"),
     view: Annotated[bool, typer.Option("--view", help="Watch it run, in real time.", rich_help_panel=PAGE)] = False,
-    host: Host = HOST,
-    port: Port = PORT,
-    allow_origin: AllowOrigin = None,
-    browser: Browser = True,
+    where: Annotated[PageOptions, Together()],
     record: Record = None,
 ) -> None:
     """Grasp an object, hold it, lift it, shake it, put it down; report how well it was held."""
-    from quasirigid.grasp.options import GraspOptions
     from quasirigid.grasp.run import run_grasp
 
-    options = GraspOptions(
-        object=object_file,
-        scale=scale,
-        size=size,
-        up=up,
-        rotate=rotate,
-        mass=mass,
-        points=points,
-        friction=friction,
-        material=material,
-        dt=dt,
-        hold=hold,
-        squeeze=squeeze,
-        compliance=compliance.value,
-        object_motion=object_motion.value,
-        support=support,  # type: ignore[arg-type]  # checked by GraspOptions.check
-        threads=threads,
-        seed=seed,
-    )
+    options = chosen.options(hold=hold)
     page: Page | None = None
     if view:
         from quasirigid.live.grasp_page import Page  # the server takes half a second to import: only with a page
 
-        page = Page(host, port, browser, tuple(allow_origin or ()))
+        page = Page(where.host, where.port, where.browser, where.allow_origins)
     else:
         refuse_unheard(context, PAGE, "--view", "it is about the page")
     try:

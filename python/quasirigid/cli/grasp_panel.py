@@ -30,7 +30,8 @@ def grasp_panel(result: GraspResult) -> Panel:
     )
     table.add_row(
         "squeeze",
-        f"{in_small_units(s['squeeze_n'], 'N')}, friction {plain(s['friction'], 2)}, {s['compliance']} compliance, {s['object_motion']} bodies",
+        f"{in_small_units(s['squeeze_n'], 'N')}, friction {plain(s['friction'], 2)}, "
+        f"{s['compliance']} compliance, {s['object_motion']} bodies",
     )
     if s["drift_m_per_s"] is not None:
         drift = f"{in_small_units(s['drift_m_per_s'], 'm/s')}, {in_small_units(s['spin_rad_per_s'], 'rad/s')}"

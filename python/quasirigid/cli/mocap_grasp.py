@@ -9,35 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from quasirigid.cli.help import command
-from quasirigid.cli.options import (
-    HOST,
-    PAGE,
-    PORT,
-    RUN,
-    AllowOrigin,
-    AsJson,
-    Browser,
-    Compliance,
-    ComplianceModel,
-    Friction,
-    Host,
-    Mass,
-    MaterialName,
-    Motion,
-    ObjectFile,
-    ObjectMotion,
-    Points,
-    Port,
-    Record,
-    Rotate,
-    Scale,
-    Seed,
-    Size,
-    Support,
-    Threads,
-    TimeStep,
-    Up,
-)
+from quasirigid.cli.option_groups import GraspChoice, PageOptions, Together
+from quasirigid.cli.options import PAGE, RUN, AsJson, Record
 from quasirigid.cli.running import placed, refuse_unheard, say
 
 if TYPE_CHECKING:
@@ -60,6 +33,7 @@ NO_EFFECT = ("--hold", "--squeeze")
 
 def mocap_grasp(
     context: typer.Context,
+    *,
     source: Annotated[
         str,
         typer.Argument(metavar="SOURCE", help="dtrack[:PORT], dtrack:HOST:PORT:fw, webxr[:PORT], take[:FILE]"),
@@ -135,57 +109,22 @@ def mocap_grasp(
     feedback_rate: Annotated[
         float | None, typer.Option(metavar="HERTZ", help="Of --feedback. Default: 60.", rich_help_panel=FEEDBACK)
     ] = None,
-    object_file: ObjectFile = None,
-    scale: Scale = None,
-    size: Size = None,
-    up: Up = "z",
-    rotate: Rotate = None,
-    mass: Mass = None,
-    points: Points = None,
-    friction: Friction = None,
-    material: MaterialName = "wood",
-    compliance: ComplianceModel = Compliance.local,
-    object_motion: Motion = ObjectMotion.inertial,
-    support: Support = None,
-    dt: TimeStep = 1e-3,
-    threads: Threads = 1,
-    seed: Seed = 0,
+    chosen: Annotated[GraspChoice, Together(without=("squeeze",))],
     as_json: AsJson = False,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the files go.", rich_help_panel=RUN)] = Path("out/grasp"),
     record: Record = None,
     view: Annotated[bool, typer.Option("--view", help="Watch it in the browser.", rich_help_panel=PAGE)] = False,
-    host: Host = HOST,
-    port: Port = PORT,
-    allow_origin: AllowOrigin = None,
-    browser: Browser = True,
+    where: Annotated[PageOptions, Together()],
 ) -> None:
     """A tracked hand takes the object: from a tracker on the network, a headset, or a take in simulated time."""
     from quasirigid.cli.mocap_session import coupled, run_session
-    from quasirigid.grasp.options import GraspOptions
     from quasirigid.mocap.options import MocapOptions
 
-    options = GraspOptions(
-        object=object_file,
-        scale=scale,
-        size=size,
-        up=up,
-        rotate=rotate,
-        mass=mass,
-        points=points,
-        friction=friction,
-        material=material,
-        dt=dt,
-        compliance=compliance.value,
-        object_motion=object_motion.value,
-        support=support,  # type: ignore[arg-type]  # checked by GraspOptions.check
-        threads=threads,
-        seed=seed,
-    )
     page: Page | None = None
     if view:
         from quasirigid.live.grasp_page import Page  # the server takes half a second to import: only with a page
 
-        page = Page(host, port, browser, tuple(allow_origin or ()))
+        page = Page(where.host, where.port, where.browser, where.allow_origins)
     else:
         others_serve = source.startswith("webxr") or any(target.startswith("ws:") for target in feedback or ())
         refuse_unheard(context, PAGE, "--view", "it is about the page", but=("allow_origin",) if others_serve else ())
@@ -203,7 +142,7 @@ def mocap_grasp(
     )
     with placed("--out"):
         run_session(
-            options,
+            chosen.options(),
             source,
             tracked,
             bind=bind,
@@ -216,14 +155,16 @@ def mocap_grasp(
             record=record,
             feedback=feedback or (),
             feedback_rate=feedback_rate,
-            allow_origins=allow_origin or (),
+            allow_origins=where.allow_origins,
             view=page,
             as_json=as_json,
         )
 
 
 def as_mocap_grasp(arguments: list[str]) -> list[str]:
-    """The arguments of ``grasp --mocap SOURCE`` as those of ``mocap grasp SOURCE``, for one release and with a warning; others as they are."""
+    """The arguments of ``grasp --mocap SOURCE`` as those of ``mocap grasp SOURCE``, for one release and with a warning;
+    others as they are.
+    """
     if not arguments or arguments[0] != "grasp":
         return arguments
     words = _separated(arguments[1:])

@@ -10,7 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from quasirigid.cli.help import command
-from quasirigid.cli.options import HOST, PAGE, PORT, AllowOrigin, Browser, Host, Port, Seconds
+from quasirigid.cli.option_groups import PageOptions, Together
+from quasirigid.cli.options import PAGE, Seconds
 from quasirigid.cli.running import linger, placed, working
 
 REPLAY_EXAMPLES = (
@@ -37,10 +38,8 @@ TO = Annotated[float | None, typer.Option("--to", metavar="SECONDS", help="End, 
 
 def replay(
     file: RECORDING,
-    host: Host = HOST,
-    port: Port = PORT,
-    allow_origin: AllowOrigin = None,
-    browser: Browser = True,
+    *,
+    where: Annotated[PageOptions, Together()],
     play: Annotated[bool, typer.Option("--play", help="Play at once, without waiting for the button.", rich_help_panel=PAGE)] = False,
     seconds: Seconds = None,
 ) -> None:
@@ -48,9 +47,9 @@ def replay(
     from quasirigid.live.replay import ReplayView
     from quasirigid.live.server import announce, open_browser
 
-    with ReplayView(file, host=host, port=port, allow_origins=allow_origin or ()) as view:
-        announce(view.url, host, port, page="replay", can="watch the recording", ends="Ctrl-C ends it")
-        if browser:
+    with ReplayView(file, host=where.host, port=where.port, allow_origins=where.allow_origins) as view:
+        announce(view.url, where.host, where.port, page="replay", can="watch the recording", ends="Ctrl-C ends it")
+        if where.browser:
             open_browser(view.url)
         view.timeline.play(play)
         linger(seconds)

@@ -1,7 +1,7 @@
 """The standard streams of the program: what the caller closed, and readers who have left.
 
-A stream that was closed (``>&-``) is one that nobody reads, like ``/dev/null``: the program works on, and its files are written. Unless its number
-is taken, the next file that is opened would get it, and what is printed would end up in there.
+A stream that was closed (``>&-``) is one that nobody reads, like ``/dev/null``: the program works on, and its files are written. Unless its
+number is taken, the next file that is opened would get it, and what is printed would end up in there.
 """
 
 from __future__ import annotations
@@ -80,7 +80,9 @@ class _Talk(_Stream):
 
 @contextmanager
 def standard_streams() -> Iterator[None]:
-    """While the program runs: all three are open, results that cannot be written are an ``OutputLostError``, talk that cannot be is dropped."""
+    """While the program runs: all three are open, results that cannot be written are an ``OutputLostError``, talk that cannot be is
+    dropped.
+    """
     _open_closed()
     before = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = _Output(sys.stdout), _Talk(sys.stderr)
@@ -98,7 +100,8 @@ def _open_closed() -> None:
             # The lowest number that is free, and so this one: those below are open.
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
         if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, "r" if number == 0 else "w", encoding="utf-8"))  # noqa: SIM115  # it is open as long as the program
+            # It is open as long as the program.
+            setattr(sys, name, open(os.devnull, "r" if number == 0 else "w", encoding="utf-8"))  # noqa: SIM115
 
 
 __all__ = ["OutputLostError", "standard_streams"]

@@ -8,31 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from quasirigid.cli.help import command
-from quasirigid.cli.options import (
-    HOST,
-    PAGE,
-    PORT,
-    RUN,
-    AllowOrigin,
-    Browser,
-    Compliance,
-    ComplianceModel,
-    Friction,
-    Host,
-    Mass,
-    MaterialName,
-    ObjectFile,
-    Points,
-    Port,
-    Rotate,
-    Scale,
-    Seconds,
-    Size,
-    Squeeze,
-    Support,
-    Threads,
-    Up,
-)
+from quasirigid.cli.option_groups import GraspChoice, PageOptions, Together
+from quasirigid.cli.options import PAGE, RUN, Seconds
 from quasirigid.cli.running import linger, say
 
 if TYPE_CHECKING:
@@ -48,23 +25,9 @@ EXAMPLES = (
 
 
 def view(
-    object_file: ObjectFile = None,
-    scale: Scale = None,
-    size: Size = None,
-    up: Up = "z",
-    rotate: Rotate = None,
-    mass: Mass = None,
-    points: Points = None,
-    friction: Friction = None,
-    material: MaterialName = "wood",
-    squeeze: Squeeze = None,
-    compliance: ComplianceModel = Compliance.local,
-    support: Support = None,
-    threads: Threads = 1,
-    host: Host = HOST,
-    port: Port = PORT,
-    allow_origin: AllowOrigin = None,
-    browser: Browser = True,
+    *,
+    chosen: Annotated[GraspChoice, Together(without=("object_motion", "dt", "seed"))],
+    where: Annotated[PageOptions, Together()],
     run: Annotated[
         bool, typer.Option("--run", help="Start running at once, without waiting for the Run button.", rich_help_panel=PAGE)
     ] = False,
@@ -75,37 +38,22 @@ def view(
     ] = None,
 ) -> None:
     """Grasp in the browser: a live view with a panel, plots, and handles to drag."""
-    from quasirigid.grasp.options import GraspOptions
     from quasirigid.live.play import Play
     from quasirigid.live.recorder import LiveRecorder
     from quasirigid.live.server import LiveView, announce, open_browser
 
-    options = GraspOptions(
-        object=object_file,
-        scale=scale,
-        size=size,
-        up=up,
-        rotate=rotate,
-        mass=mass,
-        points=points,
-        friction=friction,
-        material=material,
-        squeeze=squeeze,
-        compliance=compliance.value,
-        support=support,  # type: ignore[arg-type]  # checked by GraspOptions.check
-        threads=threads,
-    )
+    options = chosen.options()
     play = Play(options)
     recorder = None if record is None else LiveRecorder(record)
-    live = LiveView(play, options, host=host, port=port, allow_origins=allow_origin or ())
+    live = LiveView(play, options, host=where.host, port=where.port, allow_origins=where.allow_origins)
     try:
         if recorder is not None:
             # Where nothing can be written, that is found out now. An older recording is replaced with the first steps.
             recorder.begin(play)
             live.session.observe(recorder)
         live.start()
-        announce(live.url, host, port, page="live view", can="drive the hand and load files", ends="Ctrl-C ends it")
-        if browser:
+        announce(live.url, where.host, where.port, page="live view", can="drive the hand and load files", ends="Ctrl-C ends it")
+        if where.browser:
             open_browser(live.url)
         if run:
             live.session.run(True)

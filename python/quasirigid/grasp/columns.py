@@ -13,9 +13,9 @@ from quasirigid._quasirigid import Body, Hand
 from quasirigid.arrays.types import FloatArray
 from quasirigid.grasp.summary import PHASES
 from quasirigid.recording.file import damaged
-from quasirigid.recording.model import described_scene, read_model
 from quasirigid.recording.reader import Column, Recording
 from quasirigid.recording.scene_columns import check_scene
+from quasirigid.recording.scene_model import described_scene, read_model
 from quasirigid.recording.schema import ANY, check_columns
 from quasirigid.scene.model import ContactsState
 
@@ -106,7 +106,9 @@ def check_grasp(recording: Recording) -> None:
 
 
 def contacts_on_object(recording: Recording, step: int) -> dict[str, Any]:
-    """The contacts of a step as the object feels them: ``force`` on it, ``normal`` into it, and ``finger``: the one that touches it, or -1."""
+    """The contacts of a step as the object feels them: ``force`` on it, ``normal`` into it, and ``finger``: the one that
+    touches it, or -1.
+    """
     bodies = described_scene(recording)["bodies"]
     object_index = next((i for i, body in enumerate(bodies) if body["kind"] == "object"), -1)
     if object_index < 0:

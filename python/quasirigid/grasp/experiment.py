@@ -1,7 +1,8 @@
 """The main job: a hand takes an object from a support, holds it, lifts it, shakes it, puts it down.
 
 The phases are those of ``quasirigid.grasp.summary.PHASES``. The hand closes and squeezes on an object that stands on a support;
-the squeeze is kept up while the support goes away, then the joint targets are frozen; from there on nothing but friction carries the object.
+the squeeze is kept up while the support goes away, then the joint targets are frozen; from there on nothing but friction carries the
+object.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from quasirigid.grasp.columns import columns, contact_sums, still_columns, still
 from quasirigid.grasp.options import GraspOptions
 from quasirigid.grasp.setup import GRAVITY, GraspTarget, Stage
 from quasirigid.grasp.summary import PHASES
-from quasirigid.recording.scene import SceneRecorder
+from quasirigid.recording.scene_recorder import SceneRecorder
 from quasirigid.rotation import conjugate, quaternion_of, rotate
 from quasirigid.scene.built_in_hand import FINGER_SPACING
 from quasirigid.scene.world import WorldScene
@@ -211,7 +212,8 @@ class Grasp:
         """The support goes in the first half of the time; in the second half the object comes to rest in the fingers."""
         self.hold_by_stand(1.0 - minimum_jerk(4.0 * s))
         if s < 0.55:
-            # The squeeze is kept up while the load moves from the support to the fingers; then it settles once more and the joint targets freeze.
+            # The squeeze is kept up while the load moves from the support to the fingers; then it settles once more and the joint targets
+            # freeze.
             self.grip.squeeze = self.target.squeeze
         # Squared: it leaves the object slowly, so that the fingers take the load without a jolt.
         self.support.move_to(self._support_top - [0.0, 0.0, SUPPORT_DROP * minimum_jerk(2.0 * s) ** 2])

@@ -47,7 +47,9 @@ class GraspOptions:
     object_motion: Literal["inertial", "quasi-static"] = "inertial"
     """``"inertial"``, or ``"quasi-static"`` for the paper's bodies without inertia (object and fingers)."""
     support: Literal["table", "post"] | None = None
-    """What the box stands on: ``"table"``, ``"post"`` (16 mm wide), or the experiment's pedestal of 30 mm. An object from a file has a table anyway."""
+    """What the box stands on: ``"table"``, ``"post"`` (16 mm wide), or the experiment's pedestal of 30 mm. An object from a file has a
+    table anyway.
+    """
     threads: int = 1
     """Threads of the engine; the result is the same for any number."""
     seed: int = 0

@@ -1,11 +1,12 @@
 """Where the built-in three-finger hand takes an object: opposing sides, near the centre of mass, at a width that fits.
 
-Two stages. A coarse one looks at every hand orientation (from above, from the sides, turned about the approach axis): the object is seen along
-the closing direction as two height maps, thumb side and finger side, and every cell of the map is scored as a grasp centre. A fine one places
-the three pads of the best candidates on the surface and asks a linear program how much weight they can carry per newton of squeeze.
+Two stages. A coarse one looks at every hand orientation (from above, from the sides, turned about the approach axis): the object is seen
+along the closing direction as two height maps, thumb side and finger side, and every cell of the map is scored as a grasp centre. A fine
+one places the three pads of the best candidates on the surface and asks a linear program how much weight they can carry per newton of
+squeeze.
 
-The hand frame: fingers hang from the palm along -z and close along x. The thumb is at -x and its pad faces +x; the two fingers are at +x, at
-y = -spacing/2 and +spacing/2, and their pads face -x. The grasp centre is the middle between the pads.
+The hand frame: fingers hang from the palm along -z and close along x. The thumb is at -x and its pad faces +x; the two fingers are at +x,
+at y = -spacing/2 and +spacing/2, and their pads face -x. The grasp centre is the middle between the pads.
 """
 
 from __future__ import annotations

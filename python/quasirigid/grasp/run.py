@@ -40,8 +40,8 @@ def run_grasp(
     progress: Progress | None = None,
     show: Callable[[Grasp], AbstractContextManager[object]] | None = None,
 ) -> GraspResult:
-    """Run the whole job and leave ``summary.json``, ``recording.h5`` and the plots in the directory ``out``; the recording in ``record`` if given.
-    ``show`` shows it meanwhile: it is called before the first step, and what it returns is closed after the last.
+    """Run the whole job and leave ``summary.json``, ``recording.h5`` and the plots in the directory ``out``; the recording in ``record`` if
+    given. ``show`` shows it meanwhile: it is called before the first step, and what it returns is closed after the last.
 
     Raises the errors of ``quasirigid.errors`` for bad input. An interrupted run (``KeyboardInterrupt``) leaves a readable
     recording and a summary that says so, then passes the interrupt on.
@@ -94,7 +94,8 @@ def _leave_summary(grasp: Grasp, path: Path, out: Path, elapsed: float, *, inter
         }
         file = out / "summary.json"
         file.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n")
-        subtitle = f"{short_name(target.name)}, {mass_words(mass)}, friction {plain(grasp.friction, 2)}, squeeze {in_small_units(target.squeeze, 'N')}"
+        squeeze = in_small_units(target.squeeze, "N")
+        subtitle = f"{short_name(target.name)}, {mass_words(mass)}, friction {plain(grasp.friction, 2)}, squeeze {squeeze}"
         subtitle += f", {options.compliance} compliance"
         weight = mass * GRAVITY
         plots = save_scene(recording, out)

@@ -137,7 +137,8 @@ class Search:
         least = float(np.ptp(self.cloud, axis=0).min())
         if least > hand.max_width:
             return width_error(least, hand)
-        hint = f"both fingers, {1e3 * hand.finger_spacing:g} mm apart, must oppose the thumb: scale the object up, turn it (--up, --rotate), or raise the friction"
+        remedy = "scale the object up, turn it (--up, --rotate), or raise the friction"
+        hint = f"both fingers, {1e3 * hand.finger_spacing:g} mm apart, must oppose the thumb: {remedy}"
         return GraspPlanError("grasp", "two opposing sides within the friction cone", "none found", hint)
 
     def _best_centre(self, rotation: FloatArray) -> tuple[float, float, float] | None:

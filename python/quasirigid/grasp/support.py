@@ -15,13 +15,15 @@ UNDER_OBJECTS = 0.4
 TABLE = 0.3
 """Side of the table, m."""
 TABLE_POINTS, TABLE_CONTROL_POINTS = 10_000, 1_600
-"""Of the table's surface: control points 6 mm apart, closer than those of the box (``BOX_CONTROL_POINTS``), so that contacts lie at the table's own
-control points, each with a compliance of its own. The other way round many contacts share a few, and the solver needs ten times as long."""
+"""Of the table's surface: control points 6 mm apart, closer than those of the box (``BOX_CONTROL_POINTS``), so that contacts lie at the
+table's own control points, each with a compliance of its own. The other way round many contacts share a few, and the solver needs ten times
+as long.
+"""
 BOX_CONTROL_POINTS = 400
 """Of the box on a table: 106 contacts carry it. With the 4,800 of the experiment it is 668, and no step ends in time."""
 FOAM_MODULUS, FOAM_POISSON, FOAM_THICKNESS = 8e4, 0.3, 0.01
-"""Young's modulus (Pa), Poisson's ratio and thickness (m) of the table's top: choice, a soft foam mat. The box sinks in by 50 µm. On silicone a step of
-the standing box does not converge within 0.7 ms, on this it does within 0.15 ms."""
+"""Young's modulus (Pa), Poisson's ratio and thickness (m) of the table's top: choice, a soft foam mat. The box sinks in by 50 µm. On
+silicone a step of the standing box does not converge within 0.7 ms, on this it does within 0.15 ms."""
 MAT = 0.6
 """Side of the soft mat on which things fall, m."""
 

@@ -55,7 +55,9 @@ class Touch:
             gizmo.remove()
 
     def show(self, base: str, fingers: bool) -> None:
-        """Which gizmos are there: ``base`` is one of ``HANDLES``. With those of the fingertips the object cannot be dragged: the mouse would meet it before arrows that point at it."""
+        """Which gizmos are there: ``base`` is one of ``HANDLES``. With those of the fingertips the object cannot be dragged: the mouse
+        would meet it before arrows that point at it.
+        """
         self._base.visible = base != "none"
         self._base.disable_axes, self._base.disable_rotations = base == "turn", base == "move"
         for gizmo in self._fingers:

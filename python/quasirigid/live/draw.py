@@ -86,7 +86,7 @@ class SceneDrawing:
         self.meshes: list[viser.MeshHandle | None] = [None] * len(model.bodies)
         """Of objects and supports, by body."""
         self._hand: list[Joined] = []
-        """Links and fingertips, those of one colour joined."""
+        """Links, fingertips and further colliders of fingers, those of one colour joined."""
         self._pads: Joined | None = None
         self._paths: dict[int, str] = {}
         self._few: dict[int, tuple[IntArray, IntArray]] = {}
@@ -211,6 +211,10 @@ class SceneDrawing:
                 changed_pads = [i for i, tip in enumerate(self._tips) if self._details[i].follow(state.moved.get(tip))]
                 if changed_pads:
                     self._pads.retriangulate({i: self._details[i].faces for i in changed_pads})
+            for group in self._hand:
+                for part, index in enumerate(group.bodies):
+                    if self.model.bodies[index].part_of is not None:
+                        group.deform(part, state.moved.get(index))
             moved = [group.place(state.positions, rotations, changed) for group in self._hand]
             other = self._shown is None or not alike(self._shown, state)
             if other:
@@ -269,7 +273,7 @@ class SceneDrawing:
         """Which points of the pads have which colour."""
         rows, levels, lifts = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros((0, 3))]
         by_pressure = self.layers.patch_colours == "pressure"
-        for tip, vertices in zip(self._tips, pads.rows, strict=False):  # after the tips come nails
+        for tip, vertices in zip(self._tips, pads.rows, strict=False):  # after the tips come nails and further colliders
             patch, moved = world_patch(state.contacts, tip), state.moved.get(tip)
             if moved is None or len(patch.points) == 0 or not (self.layers.patches and self.layers.hand):
                 continue
@@ -290,7 +294,7 @@ class SceneDrawing:
 
     def _forces(self, state: SceneState) -> None:
         contacts = state.contacts
-        on_tips = [(contacts.body_a == tip) | (contacts.body_b == tip) for tip in self._tips]
+        on_tips = [contacts.on(tip) for tip in self._tips]
         if on_tips:
             self.scale.follow(float((contacts.pressures * np.logical_or.reduce(on_tips)).max(initial=0.0)))
         size = np.sqrt((contacts.forces**2).sum(axis=1))

@@ -66,8 +66,9 @@ class Frame:
         right = right / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])  # seen from straight above
         axes = np.column_stack([right, np.cross(back, right), back])
         x, y, z = (self.points @ axes).T
-        # With the camera at depth D and the picture's middle at c, a point is in the picture if -b (D - z) <= x - c <= a (D - z): the slopes a
-        # and b of its right (upper) and left (lower) rim. All points are if U - a D <= c <= L + b D with U = max(x + a z), L = min(x - b z).
+        # With the camera at depth D and the picture's middle at c, a point is in the picture if -b (D - z) <= x - c <= a (D - z): the
+        # slopes a and b of its right (upper) and left (lower) rim. All points are if U - a D <= c <= L + b D with U = max(x + a z), L =
+        # min(x - b z).
         t, room = np.tan(0.5 * FOV), SHEET if aspect < PHONE else 0.0
         upper, lower = t * (room + MARGIN * (1.0 - room)), t * (MARGIN * (1.0 - room) - room)
         side = MARGIN * t * aspect
@@ -112,7 +113,9 @@ def _sampled(points: FloatArray, faces: np.ndarray[tuple[int, int], np.dtype[np.
 
 
 def pads_in_sight(model: SceneModel, state: SceneState) -> FloatArray:
-    """(3,) unit vector towards the viewer, from where the least visible pad is seen best; links and other pads may hide it, objects are glass."""
+    """(3,) unit vector towards the viewer, from where the least visible pad is seen best; links and other pads may hide it, objects are
+    glass.
+    """
     tips = model.fingertips()
     links = [i for i, body in enumerate(model.bodies) if body.kind == "link" and len(body.faces)]
     if not tips:
@@ -140,7 +143,9 @@ def pads_in_sight(model: SceneModel, state: SceneState) -> FloatArray:
 
 
 def _visible(skins: list[tuple[FloatArray, FloatArray]], hiders: FloatArray, back: FloatArray) -> list[float]:
-    """How much is seen from ``back`` of pads with these points and outward normals (n, 3): mean cosine of what no ``hiders`` (n, 3) hide."""
+    """How much is seen from ``back`` of pads with these points and outward normals (n, 3): mean cosine of what no
+    ``hiders`` (n, 3) hide.
+    """
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)
     flat = np.column_stack([right, np.cross(back, right)])

@@ -55,7 +55,8 @@ def pressure(pascal: float) -> str:
 
 def legend(full_scale: float | None) -> str:
     """The colours of pressure, up to ``full_scale`` Pa, and of friction; ``None``: there are no pads on which pressure is shown."""
-    return f'<div style="font-size:12px;padding:2px 12px;color:#374151">{"" if full_scale is None else _pressures(full_scale)}{FRICTIONS}</div>'
+    pressures = "" if full_scale is None else _pressures(full_scale)
+    return f'<div style="font-size:12px;padding:2px 12px;color:#374151">{pressures}{FRICTIONS}</div>'
 
 
 def _pressures(full_scale: float) -> str:

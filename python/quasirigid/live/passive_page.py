@@ -38,8 +38,8 @@ class PassivePage:
         allow_origins: Sequence[str] = (),
         reset: Callable[[], None] | None = None,
     ) -> None:
-        """``headroom``: keep so much room above the first scene in the picture, m, and the camera for those that follow. ``reset`` is called,
-        from any thread, when somebody presses the button that there is then.
+        """``headroom``: keep so much room above the first scene in the picture, m, and the camera for those that follow. ``reset`` is
+        called, from any thread, when somebody presses the button that there is then.
         """
         self._headroom = headroom
         self._scale = 1.0

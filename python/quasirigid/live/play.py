@@ -141,7 +141,9 @@ class Play:
         self.grip.open()
 
     def lift(self, up: bool) -> None:
-        """Send the hand LIFT up or down from where it is sent now; down no deeper than where it started. The squeeze is kept up on the way."""
+        """Send the hand LIFT up or down from where it is sent now; down no deeper than where it started. The squeeze is
+        kept up on the way.
+        """
         if self.grip.state in ("squeezing", *HOLDING):
             self._let_stand_go()
             self.grip.squeeze = self.figures.squeeze

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from quasirigid.live.play import Play
-from quasirigid.recording.scene import SceneRecorder
+from quasirigid.recording.scene_recorder import SceneRecorder
 
 
 class LiveRecorder:

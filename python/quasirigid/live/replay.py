@@ -22,7 +22,7 @@ from quasirigid.live.scale_bar import set_scene
 from quasirigid.live.server import HANDLE, LEFT_WIDTH, SLOW_RATE
 from quasirigid.live.stage import PORT, close_server, open_server, page_url
 from quasirigid.live.tactile import Tactile
-from quasirigid.recording.scene import SceneRecording
+from quasirigid.recording.scene_recording import SceneRecording
 from quasirigid.scene.model import SceneState
 from quasirigid.scene.pressure import SLIP, Scale
 from quasirigid.scene.scaling import drawing_scale, scaled_model, scaled_state

@@ -23,8 +23,8 @@ INK = np.array([0.03, 0.035, 0.045], np.float32)
 
 
 def set_scene(server: viser.ViserServer, framing: Framing, frame: Frame, floor: float, scale: float = 1.0) -> None:
-    """Floor and scale bar of a scene, and the cameras of all pages that nobody turned. ``frame`` and ``floor``, m, are those of the drawing,
-    which is ``scale`` times as large as the world.
+    """Floor and scale bar of a scene, and the cameras of all pages that nobody turned. ``frame`` and ``floor``, m, are those of the
+    drawing, which is ``scale`` times as large as the world.
     """
     add_ground(server, floor)
     framing.show(add_scale_bar(server, frame, floor, scale))

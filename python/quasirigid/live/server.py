@@ -32,7 +32,9 @@ from quasirigid.scene.pressure import alike
 RATE = 34.0
 """Updates of the page per second, at most."""
 SLOW_RATE = 4.0
-"""Per second, the picture of the sensors or, in turn with it, figures and one of the plots: in a page without a graphics card each costs as much as the whole scene."""
+"""Per second, the picture of the sensors or, in turn with it, figures and one of the plots: in a page without a graphics card each costs as
+much as the whole scene.
+"""
 HANDLE = 0.11
 """Room in the picture for the gizmo above the palm, and for a lift, m."""
 LEFT_WIDTH = 300

@@ -105,7 +105,8 @@ def open_server(host: str, port: int, label: str, allow_origins: Sequence[str] =
     server.scene.set_up_direction("+z")
     server.scene.configure_default_lights(enabled=False)
     server.scene.configure_environment_map(None)
-    # A key light from above left, and an ambient one that is sky above and warm floor below. Every light more costs a page without a graphics card a frame a second.
+    # A key light from above left, and an ambient one that is sky above and warm floor below. Every light more costs a page without a
+    # graphics card a frame a second.
     server.scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(176, 168, 158), intensity=1.8)
     server.scene.add_light_directional("/light/key", intensity=2.0, position=(0.6, -0.8, 1.2))
     return server

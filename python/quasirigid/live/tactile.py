@@ -89,8 +89,8 @@ class Tactile:
         draw.text((0, SIDE + HEADING), SHEAR_WORDS, fill="#374151", font=font)
 
     def picture(self, state: SceneState, full_scale: float) -> npt.NDArray[np.uint8]:
-        """(height, width, 3): colour is pressure, and below it shear on the pad, against ``full_scale``, Pa; an orange cross is a contact that
-        slips, arrows are the direction of the shear.
+        """(height, width, 3): colour is pressure, and below it shear on the pad, against ``full_scale``, Pa; an orange cross is a contact
+        that slips, arrows are the direction of the shear.
         """
         image = self._empty.copy()
         draw = ImageDraw.Draw(image)

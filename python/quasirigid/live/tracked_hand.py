@@ -77,8 +77,8 @@ class TrackedDrawing:
 
 
 def hand_rows(hand: TrackedHand, state: SceneState) -> list[tuple[str, str]]:
-    """Rows of the panel for every finger that follows the hand, and for the palm: its force, how far it is from the hand, whether that is seen; and how
-    many frames were dropped, if any were.
+    """Rows of the panel for every finger that follows the hand, and for the palm: its force, how far it is from the hand, whether that is
+    seen; and how many frames were dropped, if any were.
     """
     rows = []
     for i, name in enumerate(hand.names):

@@ -1,7 +1,8 @@
 """Files from the page are refused when they are announced, not after they have arrived.
 
-The page says how large a file is, and then sends it in parts. viser keeps the parts of whatever was announced; here what is too large is not
-let in, so that no more than ``AT_ONCE`` files of the largest size are ever in memory. The page sends the parts all the same: they are dropped.
+The page says how large a file is, and then sends it in parts. viser keeps the parts of whatever was announced; here what is too large is
+not let in, so that no more than ``AT_ONCE`` files of the largest size are ever in memory. The page sends the parts all the same: they are
+dropped.
 """
 
 from __future__ import annotations
@@ -70,7 +71,9 @@ class UploadGate:
         self.tell_refused(client, message.filename, why)
 
     def tell_refused(self, client: int | None, name: str, why: str) -> None:
-        """Puts a notice of our own in the place of the page's, which says of every file that arrives whole that it was uploaded successfully."""
+        """Puts a notice of our own in the place of the page's, which says of every file that arrives whole that it was uploaded
+        successfully.
+        """
         page = self._server.get_clients().get(-1 if client is None else client)
         if page is None:
             return

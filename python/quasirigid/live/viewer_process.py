@@ -1,8 +1,8 @@
 """A page to watch, without controls, in a process of its own: of the time of the steps it takes the copying of a state,
 some tenths of a millisecond.
 
-A thread would not do. Steps of a millisecond that are done in Python between two calls of the engine wait for the interpreter's lock, which a thread
-that draws holds for milliseconds.
+A thread would not do. Steps of a millisecond that are done in Python between two calls of the engine wait for the interpreter's lock, which
+a thread that draws holds for milliseconds.
 """
 
 from __future__ import annotations
@@ -35,10 +35,13 @@ PATIENCE = 60.0
 
 
 class ViewerProcess:
-    """A viewer of a session (``quasirigid.mocap.session.Viewer``). The newest state wins: a slow page misses some, the session never waits."""
+    """A viewer of a session (``quasirigid.mocap.session.Viewer``). The newest state wins: a slow page misses some, the
+    session never waits.
+    """
 
     def __init__(self, *, host: str = "127.0.0.1", port: int = PORT, allow_origins: Sequence[str] = ()) -> None:
-        """Serve the page on ``port`` or the next free one of the address ``host``. ``allow_origins`` as of ``quasirigid.net.access.Access``.
+        """Serve the page on ``port`` or the next free one of the address ``host``. ``allow_origins`` as of
+        ``quasirigid.net.access.Access``.
 
         Raises ``InvalidValueError`` for an address that is not this machine's, ``NetworkError`` if the page does not start.
         """

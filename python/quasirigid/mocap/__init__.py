@@ -6,8 +6,8 @@
 >>> hand.positions.shape, bool(hand.tracked[0])
 ((6, 3), True)
 
-Live, with ``mocap.Receiver("5000")`` and ``mocap.HandTracker("right")``: push what ``take()`` brings, ask ``sample(receiver.now())`` in every
-step. ``docs/mocap.md`` goes through it step by step.
+Live, with ``mocap.Receiver("5000")`` and ``mocap.HandTracker("right")``: push what ``take()`` brings, ask ``sample(receiver.now())`` in
+every step. ``docs/mocap.md`` goes through it step by step.
 """
 
 from importlib.resources import as_file, files

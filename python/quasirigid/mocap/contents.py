@@ -66,7 +66,9 @@ def _hands(packets: Sequence[Packet], start: float) -> list[dict[str, Any]]:
 
 
 def _bad_frames(take: Take, side: Literal["left", "right"]) -> int:
-    """Frames of a hand of which a pose would be dropped, because no hand can have come there. Of two hands of one side it is the one that is followed."""
+    """Frames of a hand of which a pose would be dropped, because no hand can have come there. Of two hands of one side it is the one that
+    is followed.
+    """
     tracker = HandTracker(side)
     for frame in take.frames(HandDecoder(side)):
         tracker.push(frame)

@@ -1,11 +1,11 @@
 """What links tracked fingers to simulated ones. Both ways are damped springs: who pinches harder than the object gives way presses harder.
 
 - ``TipCoupling``: every tracked fingertip pulls a pad of its own, a free body, by a spring in translation and rotation.
-- ``HandCoupling`` (``quasirigid.mocap.hand_coupling``): the tracked palm carries the base of the three-finger hand, inverse kinematics turns the
-  tracked tips into joint targets, and the joint position controllers are the springs.
+- ``HandCoupling`` (``quasirigid.mocap.hand_coupling``): the tracked palm carries the base of the three-finger hand, inverse kinematics
+  turns the tracked tips into joint targets, and the joint position controllers are the springs.
 
-Both are taken implicitly by the step (``Body.set_drive`` and the joint controllers), so that no stiffness and no rate of the tracker makes them unstable.
-Both saturate: whatever the tracker says, a pad presses with ``MAX_FORCE`` and moves with ``MAX_SPEED`` at most.
+Both are taken implicitly by the step (``Body.set_drive`` and the joint controllers), so that no stiffness and no rate of the tracker makes
+them unstable. Both saturate: whatever the tracker says, a pad presses with ``MAX_FORCE`` and moves with ``MAX_SPEED`` at most.
 """
 
 from __future__ import annotations
@@ -80,8 +80,9 @@ class TipCoupling(Restorable):
         *,
         max_force: float = MAX_FORCE,
     ) -> None:
-        """Add a pad of the material ``pad`` to ``world`` for every finger of ``targets`` that was not lost, where it is now. Pads of the rows
-        ``expected`` that are not seen wait aside, until they are. ``max_force``: most that a pad presses with, N, however far the tracked tip.
+        """Add a pad of the material ``pad`` to ``world`` for every finger of ``targets`` that was not lost, where it is now. Pads of the
+        rows ``expected`` that are not seen wait aside, until they are. ``max_force``: most that a pad presses with, N, however far the
+        tracked tip.
 
         Raises ``InvalidValueError`` if no finger is seen.
         """
@@ -132,7 +133,9 @@ class TipCoupling(Restorable):
         return np.array([pad.position for pad in self._bodies]) + self._depth * facing
 
     def _pads(self, targets: HandTargets) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Places (6, 3) m and quaternions (6, 4) of the pads' frames (x along the finger, z out of the pad), and lever arms from the tips (6, 3) m."""
+        """Places (6, 3) m and quaternions (6, 4) of the pads' frames (x along the finger, z out of the pad), and lever arms from the tips
+        (6, 3) m.
+        """
         apex, facing = targets.pad_places()
         places = apex - self._depth * facing
         w, x, y, z = targets.quaternions.T  # times half a turn about x

@@ -24,8 +24,8 @@ class Restorable:
         world.restore(world_before)
         coupling.restore(coupling_before)
 
-    A copy that goes on by itself is ``copy.deepcopy((world, coupling))``, both in one call: the copied coupling moves what is in the copied world. The
-    same holds for pickle. The tracker is no part of it: ``copy.copy(tracker)`` is one that goes on by itself.
+    A copy that goes on by itself is ``copy.deepcopy((world, coupling))``, both in one call: the copied coupling moves what is in the copied
+    world. The same holds for pickle. The tracker is no part of it: ``copy.copy(tracker)`` is one that goes on by itself.
     """
 
     @property

@@ -39,8 +39,8 @@ class Dropouts:
         }
 
     def summary(self) -> list[dict[str, Any]]:
-        """Every dropout: ``part``, ``start`` and ``end`` (simulated s), and ``limp_s``, how long its spring had no strength. The silence that ends a
-        session is none.
+        """Every dropout: ``part``, ``start`` and ``end`` (simulated s), and ``limp_s``, how long its spring had no strength. The silence
+        that ends a session is none.
         """
         going_on = [self._dropout(row, self._time) for row, since in self._since.items() if since < self._fresh]
         return sorted([*self._found, *going_on], key=lambda dropout: (dropout["start"], PARTS.index(dropout["part"])))

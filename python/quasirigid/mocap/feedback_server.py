@@ -33,8 +33,8 @@ class WebsocketFeedback:
     def __init__(self, text: str, *, rate: float = RATE, allow_origins: Sequence[str] = ()) -> None:
         """``text`` is ``ws:PORT``, for listeners of this machine, or ``ws:HOST:PORT`` with an address of this machine.
 
-        Programs may listen, and pages of this machine, whoever serves them: what listeners say is not heard. ``allow_origins`` are other pages
-        that may, as of ``quasirigid.net.access.Access``.
+        Programs may listen, and pages of this machine, whoever serves them: what listeners say is not heard. ``allow_origins`` are other
+        pages that may, as of ``quasirigid.net.access.Access``.
 
         Raises ``InvalidValueError``, or ``NetworkError`` for a port in use.
         """

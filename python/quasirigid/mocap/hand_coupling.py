@@ -22,15 +22,17 @@ ITERATIONS, SEARCH = 12, 200
 SETTLED = 1e-8
 """Inverse kinematics ends when no joint moves by more than this, rad: a nanometre at the tip."""
 JOINT_FASTEST = 8.0
-"""With which joint targets move at most, rad/s in all joints of a finger together: where inverse kinematics finds another posture, it is not jumped to."""
+"""With which joint targets move at most, rad/s in all joints of a finger together: where inverse kinematics finds another posture, it is
+not jumped to.
+"""
 
 MAX_SPEED = (1.5, 15.0)
 """Top speed of the base, m/s and rad/s. Nothing yields where it moves to, so it is slower than a pad on its spring."""
 
 
 class Base:
-    """Where the base of the hand goes: with the palm. It stays where it is while the palm is lost, and glides to it when it is seen again. It never
-    moves faster than ``MAX_SPEED``: from a palm that does it stays behind, and catches up.
+    """Where the base of the hand goes: with the palm. It stays where it is while the palm is lost, and glides to it when it is seen again.
+    It never moves faster than ``MAX_SPEED``: from a palm that does it stays behind, and catches up.
     """
 
     def __init__(self, place: FloatArray, turn: FloatArray) -> None:
@@ -69,7 +71,9 @@ class Base:
 
 
 class HandCoupling(Restorable):
-    """The three-finger hand: its base goes with the palm, its fingers reach for thumb, index and middle finger, within their joint limits."""
+    """The three-finger hand: its base goes with the palm, its fingers reach for thumb, index and middle finger, within
+    their joint limits.
+    """
 
     fingers: tuple[str, ...]
     rows: tuple[int, ...]
@@ -85,8 +89,8 @@ class HandCoupling(Restorable):
         gains: tuple[float, float] = (1.0, 1.0),
         max_force: float = MAX_FORCE,
     ) -> None:
-        """Add the hand to ``world`` where the palm is now. ``gains``: factors of the joints' stiffness and damping. ``max_force``: most that a
-        pad presses with, N.
+        """Add the hand to ``world`` where the palm is now. ``gains``: factors of the joints' stiffness and damping. ``max_force``: most
+        that a pad presses with, N.
 
         Raises ``InvalidValueError`` if palm, thumb, index and middle finger were not all seen.
         """

@@ -55,10 +55,12 @@ class HandPresence:
             return ""
         other = other_side(self._side)
         if now - self._seen.get(other, float("-inf")) < RECENT:
-            return f"only a {other} hand is seen, and this session is for a {self._side} one: show the {self._side} hand, or start with `--hand {other}`"
+            hint = f"show the {self._side} hand, or start with `--hand {other}`"
+            return f"only a {other} hand is seen, and this session is for a {self._side} one: {hint}"
         if now - self._heard < RECENT:
             if self._bodies:
-                return "the stream comes, but none of the bodies of `--bodies` is seen: show them to the tracker; `quasirigid mocap monitor` lists what it sees"
+                hint = "show them to the tracker; `quasirigid mocap monitor` lists what it sees"
+                return f"the stream comes, but none of the bodies of `--bodies` is seen: {hint}"
             return f"the stream comes, but there is no {self._side} hand in it: show it to the tracker"
         return self._when_silent
 
@@ -118,7 +120,9 @@ class FingerPresence:
         return 0.0 if self._since is None else now - self._since
 
     def enough(self, now: float) -> bool:
-        """Whether the session may begin: with all that is waited for or, with single pads and after ``LATECOMERS``, with thumb and another finger."""
+        """Whether the session may begin: with all that is waited for or, with single pads and after ``LATECOMERS``, with thumb and another
+        finger.
+        """
         waited, seen = self.waited(now), self.live(now) & self._seen
         if seen[self.wanted].all():
             return waited > SETTLE

@@ -17,7 +17,8 @@ DROPPED_AFTER = 0.04
 LIFTED_FROM = 0.002
 """Higher than this above its start the object is in the hand, m."""
 UPRIGHT = math.radians(20.0)
-"""An object whose vertical axis of the start is tilted by more has fallen over, rad: less than a box of any shape that stands on an edge."""
+"""An object whose vertical axis of the start is tilted by more has fallen over, rad: less than a box of any shape that stands on an edge.
+"""
 PICKED_UP_AFTER = 0.1
 """An object that was dropped is in the hand again when it is carried for so long, s."""
 PHASES = ("reach", "touch", "carry", "put down", "rest", "fallen over", "fall")
@@ -50,8 +51,8 @@ class Outcome:
         self._log: list[dict[str, Any]] = []
 
     def update(self, time: float, pose: FloatArray, pressing: FloatArray, support: float, guide: FloatArray) -> str:
-        """``pose`` (7,) of the object; ``pressing`` (fingers,) N; ``support`` N that the support presses with; ``guide`` (7,): where the tracked
-        hand is. Returns the phase.
+        """``pose`` (7,) of the object; ``pressing`` (fingers,) N; ``support`` N that the support presses with; ``guide`` (7,): where the
+        tracked hand is. Returns the phase.
         """
         elapsed = 0.0 if self._time is None else time - self._time
         self._time, self._pose = time, pose

@@ -29,7 +29,9 @@ SWITCH = 1e-4
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """A loop that keeps up with the clock: other threads give way soon, and the garbage collector does not go through what was there before."""
+    """A loop that keeps up with the clock: other threads give way soon, and the garbage collector does not go through what was there
+    before.
+    """
     interval = sys.getswitchinterval()
     ours = gc.get_freeze_count() == 0  # what the program around us has frozen is not ours to thaw
     gc.collect()
@@ -47,9 +49,10 @@ def undisturbed() -> Iterator[None]:
 class RealTimeClock:
     """When each step is due, and for which moment it asks where the hand is.
 
-    On a computer that is too slow simulated time falls behind the clock on the wall. The hand must not: its motion is then run through faster (and its
-    velocity with it), and is shown at most some tenths of a second late. The moments that are asked for do not jump, but for one case: a program that was
-    stopped for more than ``SUSPENDED`` goes on from now, and it is for the filter to let the hand glide there (``HandTracker.sample``).
+    On a computer that is too slow simulated time falls behind the clock on the wall. The hand must not: its motion is then run through
+    faster (and its velocity with it), and is shown at most some tenths of a second late. The moments that are asked for do not jump, but
+    for one case: a program that was stopped for more than ``SUSPENDED`` goes on from now, and it is for the filter to let the hand glide
+    there (``HandTracker.sample``).
     """
 
     def __init__(self, source: Source, dt: float) -> None:

@@ -1,9 +1,10 @@
 """Letting go: what one side of a grip has let go of, the other side does not push with.
 
-A tracked fingertip that closes on an object goes on into it, by 10 to 45 mm, and the spring to its pad makes that into force. When the hand opens again, fingers
-do not let go at the same moment. With plain springs the finger that is late then pushes the object away, by half of the way that the others are ahead, though
-nobody wants to push: it is only deeper inside. (M. Prachyabrued, C. W. Borst, Virtual grasp release method and evaluation, Int. J. Human-Computer Studies 70,
-2012, describe the difficulty, and that people want the object released when the first finger opens.)
+A tracked fingertip that closes on an object goes on into it, by 10 to 45 mm, and the spring to its pad makes that into force. When the hand
+opens again, fingers do not let go at the same moment. With plain springs the finger that is late then pushes the object away, by half of
+the way that the others are ahead, though nobody wants to push: it is only deeper inside. (M. Prachyabrued, C. W. Borst, Virtual grasp
+release method and evaluation, Int. J. Human-Computer Studies 70, 2012, describe the difficulty, and that people want the object released
+when the first finger opens.)
 
 Here the sides of a grip yield together. Lengths in m along the axis of the grip, a unit vector from side A to side B:
 
@@ -13,9 +14,9 @@ Here the sides of a grip yield together. Lengths in m along the axis of the grip
 - ``G_X = sum_X s_i / sum_X r_i``: what is left of the squeeze of side X; ``g = min(G_A, G_B, 1)``
 - ``w`` from 0 to 1 while ``(m_r - m) / 2`` goes from ``BEGINS`` to ``FULLY`` of the mean ``r_i`` of the shallower side
 
-Then ``s_i' = s_i (1 - w (1 - g / G_X))``: the stronger side is brought down to the weaker one, and the sides stay in balance. Neither side is made weaker than
-the weaker one, so that no object is held less firmly by this. Who is left inside the object alone begins again from there: a finger that then goes deeper
-pushes.
+Then ``s_i' = s_i (1 - w (1 - g / G_X))``: the stronger side is brought down to the weaker one, and the sides stay in balance. Neither side
+is made weaker than the weaker one, so that no object is held less firmly by this. Who is left inside the object alone begins again from
+there: a finger that then goes deeper pushes.
 """
 
 from __future__ import annotations
@@ -69,8 +70,8 @@ class Release:
     def update(self, aims: FloatArray, ends: FloatArray, facing: FloatArray) -> None:
         """Find ``shift`` for the next step.
 
-        ``aims`` and ``ends`` (fingers, 3) m, world: tracked apex and simulated apex of each pad; ``facing`` (fingers, 3): unit vectors out of the tracked pads;
-        NaN for fingers that were never seen.
+        ``aims`` and ``ends`` (fingers, 3) m, world: tracked apex and simulated apex of each pad; ``facing`` (fingers, 3): unit vectors out
+        of the tracked pads; NaN for fingers that were never seen.
         """
         if not (self._gripped or self._slackened or self._pressing.any()):
             return

@@ -34,7 +34,7 @@ from quasirigid.mocap.real_time_clock import RealTimeClock, undisturbed
 from quasirigid.mocap.reset import WAITS, Reset, pose_of
 from quasirigid.mocap.source import Source
 from quasirigid.recording.reader import Column
-from quasirigid.recording.scene import SceneRecorder
+from quasirigid.recording.scene_recorder import SceneRecorder
 from quasirigid.scene.model import SceneState, TrackedHand
 from quasirigid.scene.world import WorldScene
 
@@ -142,7 +142,8 @@ class MocapSession:
         return self.source.now() - self._last_arrival > self.mocap.idle
 
     def wait_for_hand(self) -> bool:
-        """Wait until the tracker sees the fingers that are to be coupled, all at the same time, and couple them. False if the source ended before.
+        """Wait until the tracker sees the fingers that are to be coupled, all at the same time, and couple them. False if the source ended
+        before.
 
         ``log`` gets who is missing, if that lasts.
         """
@@ -357,8 +358,8 @@ def observation_interval(rate: float, dt: float) -> int:
 
 
 def _guide(targets: HandTargets, rows: list[int]) -> FloatArray:
-    """Where the tracked hand is, (7,): the palm, or the middle of the tips ``rows`` where there is no palm. Equal springs that hold something
-    have their middle where it has its own, however hard they press.
+    """Where the tracked hand is, (7,): the palm, or the middle of the tips ``rows`` where there is no palm. Equal springs that hold
+    something have their middle where it has its own, however hard they press.
     """
     if np.isfinite(targets.positions[PALM]).all():
         return np.concatenate([targets.positions[PALM], targets.quaternions[PALM]])
@@ -396,8 +397,8 @@ def run_mocap(
 ) -> MocapResult:
     """Run a session until its stream has ended or Ctrl-C, and leave ``summary.json`` and ``recording.h5`` in the directory ``out``.
 
-    ``observers`` are called with what is seen ``observed`` times per second of simulated time, ``log`` with what goes on; ``resets_asked`` are asked as
-    often whether the object is to be put back where it stood.
+    ``observers`` are called with what is seen ``observed`` times per second of simulated time, ``log`` with what goes on; ``resets_asked``
+    are asked as often whether the object is to be put back where it stood.
     Raises the errors of ``quasirigid.errors``; a ``NetworkError`` of a tracker that cannot be heard any more after the files were written.
     """
     session = MocapSession(options, mocap, source, viewer, observed=observed)

@@ -61,7 +61,10 @@ class NetworkSource:
     """DTrack over UDP."""
 
     real_time = True
-    when_silent = "nothing comes from the tracker: is the controller told to send to this machine and port? `quasirigid mocap monitor` shows what comes"
+    when_silent = (
+        "nothing comes from the tracker: is the controller told to send to this machine and port? "
+        "`quasirigid mocap monitor` shows what comes"
+    )
 
     def __init__(self, connection: str = DTRACK_PORT, *, bind: str = "0.0.0.0") -> None:
         """``connection`` and ``bind`` as of ``Receiver``. Raises ``InvalidValueError`` or ``NetworkError``."""
@@ -99,8 +102,8 @@ class NetworkSource:
 class TakeSource:
     """A take in simulated time: the same every time. As fast as the computer goes, or no faster than the clock on the wall.
 
-    The clock that it shows is that of the take in both cases, so that a computer which is too slow for the one on the wall plays the take in slow
-    motion, with the same result.
+    The clock that it shows is that of the take in both cases, so that a computer which is too slow for the one on the wall plays the take
+    in slow motion, with the same result.
     """
 
     real_time = False
@@ -148,7 +151,8 @@ class TakeSource:
 
 
 def open_source(text: str, *, bind: str = "0.0.0.0", watched: bool = False) -> Source:
-    """The source that ``quasirigid mocap grasp`` names: ``dtrack[:CONNECTION]`` or ``take[:FILE]``; a take that is ``watched`` keeps to the clock on the wall.
+    """The source that ``quasirigid mocap grasp`` names: ``dtrack[:CONNECTION]`` or ``take[:FILE]``; a take that is ``watched`` keeps to the
+    clock on the wall.
 
     Raises ``InvalidValueError`` for anything else, ``NetworkError`` or ``CaptureFileError`` where it cannot be opened.
     """

@@ -17,13 +17,13 @@ OFFSET_GONE = 1e-5
 
 
 MAX_FORCE = 40.0
-"""Most that a simulated fingertip presses with, N, unless the session says otherwise: more than handling things takes, and less than the strongest
-pinch between thumb and index finger (50 to 80 N, Mathiowetz et al. 1985)."""
+"""Most that a simulated fingertip presses with, N, unless the session says otherwise: more than handling things takes, and less than the
+strongest pinch between thumb and index finger (50 to 80 N, Mathiowetz et al. 1985)."""
 LEVER = 0.01
 """About which the force of a pad turns it, m: half a fingertip."""
 SPRING_SHARE = 0.8
-"""Of the most that a fingertip presses with, the share that its spring pulls with: the rest is what stops a pad of its mass that hits something at top
-speed."""
+"""Of the most that a fingertip presses with, the share that its spring pulls with: the rest is what stops a pad of its mass that hits
+something at top speed."""
 MAX_SPEED = (3.0, 40.0)
 """Top speed of a pad, m/s and rad/s. People handle things at 1 to 2 m/s; from a hand that is quicker the pads stay behind, and catch up."""
 
@@ -69,9 +69,9 @@ def fading(value: FloatArray, fastest: float) -> FloatArray:
 class Offset:
     """Lets a spring grow stiffer without giving it energy.
 
-    A spring of stretch e that goes from stiffness k0 to k1 > k0 would hold more energy than before, out of nothing. Here its target is moved
-    towards the body until the energy is what it was, ``e' = e sqrt(k0 / k1)``, and goes back to where it belongs as ``fading`` says: that is work
-    which the hand does. What was lost and is seen again is so caught where it is.
+    A spring of stretch e that goes from stiffness k0 to k1 > k0 would hold more energy than before, out of nothing. Here its target is
+    moved towards the body until the energy is what it was, ``e' = e sqrt(k0 / k1)``, and goes back to where it belongs as ``fading`` says:
+    that is work which the hand does. What was lost and is seen again is so caught where it is.
     """
 
     def __init__(self, *parts: tuple[int, float]) -> None:

@@ -1,9 +1,9 @@
 """Who may talk to a server of ours: the names that it answers to, and the pages that may use it.
 
 A browser lets every page in the world send requests to this machine, and opens a websocket for it without asking anybody. Two headers that
-a page cannot forge tell what is going on: ``Host`` is the name that the browser looked up, ``Origin`` is where the page that asks came from.
-A foreign name in ``Host`` that leads here is an attack (DNS rebinding): the page would count as one of ours. Source: RFC 6454, section 7,
-and RFC 6455, section 10.2.
+a page cannot forge tell what is going on: ``Host`` is the name that the browser looked up, ``Origin`` is where the page that asks came
+from. A foreign name in ``Host`` that leads here is an attack (DNS rebinding): the page would count as one of ours. Source: RFC 6454,
+section 7, and RFC 6455, section 10.2.
 """
 
 from __future__ import annotations
@@ -52,9 +52,10 @@ class Access:
         """The server listens on the address or name ``bound``. ``allow_origins`` are pages that may use it beside its own, such as
         ``https://hub.example.org``; it answers to their names, too.
 
-        ``tls``: the browser checks the name by the certificate, so any name will do. ``programs``: a socket may be opened without an ``Origin``.
-        Every browser sends one, so whoever sends none is a program: let in where data are meant for programs, and not where only our own page has
-        something to say. ``local_pages``: every page of this machine may use the sockets, also one that another server serves.
+        ``tls``: the browser checks the name by the certificate, so any name will do. ``programs``: a socket may be opened without an
+        ``Origin``. Every browser sends one, so whoever sends none is a program: let in where data are meant for programs, and not where
+        only our own page has something to say. ``local_pages``: every page of this machine may use the sockets, also one that another
+        server serves.
 
         Raises ``InvalidValueError`` for an origin that is none.
         """
@@ -83,7 +84,9 @@ class Access:
         return "only pages of this server may connect; --allow-origin URL lets in those of another\n"
 
     def headers(self) -> dict[str, str]:
-        """Of every answer: other pages may neither show a page of this server in a frame, where clicks could be stolen, nor load its parts."""
+        """Of every answer: other pages may neither show a page of this server in a frame, where clicks could be stolen, nor
+        load its parts.
+        """
         ancestors = " ".join(["'self'", *(str(origin) for origin in self.allowed)])
         return {**_HEADERS, "Content-Security-Policy": f"frame-ancestors {ancestors}"}
 
@@ -97,7 +100,9 @@ def is_local(bound: str) -> bool:
 
 
 def warn_if_open(bound: str, can: str, say: Callable[[str], object]) -> bool:
-    """Has ``say`` warn of a socket on the address ``bound`` that the network can reach: whoever does ``can`` do this. Returns whether it is one."""
+    """Has ``say`` warn of a socket on the address ``bound`` that the network can reach: whoever does ``can`` do this. Returns whether it is
+    one.
+    """
     if is_local(bound):
         return False
     say(f"open to the network ({bound}): whoever reaches this port can {can}")

@@ -37,7 +37,8 @@ def checked_server(access: Access, host: str, port: int, label: str) -> viser.Vi
             return response
 
         async def talk(connection: ServerConnection) -> None:
-            # viser would say so on standard output, which carries results: a page that was left open and is of another version asks again and again.
+            # viser would say so on standard output, which carries results: a page that was left open and is of another version asks again
+            # and again.
             if connection.subprotocol != f"viser-v{viser.__version__}":
                 await connection.close(1002, f"Version mismatch. Client: {connection.subprotocol}, Server: {viser.__version__}")
                 return

@@ -84,7 +84,8 @@ def netloc(host: str, port: int) -> str:
 
 def _refused(error: OSError | ValueError, host: str, port: int) -> QuasirigidError:
     """The error if the server could not be opened."""
-    # Python looks a name up (gaierror; UnicodeError for one that cannot be written in an address), and has no number for an address of no interface.
+    # Python looks a name up (gaierror; UnicodeError for one that cannot be written in an address), and has no number for an address of no
+    # interface.
     if isinstance(error, (ValueError, socket.gaierror)) or error.errno in (None, errno.EADDRNOTAVAIL):
         return InvalidValueError("address to listen on", "one of this machine's", host, "127.0.0.1, or 0.0.0.0 for all")
     found = "one in use" if error.errno == errno.EADDRINUSE else error.strerror or str(error)

@@ -45,8 +45,8 @@ UNITS = (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254))
 class ObjectGeometry:
     """A rigid object as a point surface, with its mass properties.
 
-    All in SI units, in the object's own frame: the axes of the file, turned as asked for; the origin at the centre of mass unless `centre=False` was given.
-    The arrays are read-only.
+    All in SI units, in the object's own frame: the axes of the file, turned as asked for; the origin at the centre of mass unless
+    `centre=False` was given. The arrays are read-only.
 
     Attributes:
         name: the file's name without extension.
@@ -104,10 +104,10 @@ def load_object(
 ) -> ObjectGeometry:
     """Reads an object from a file and makes it a point surface with mass properties.
 
-    Meshes (OBJ, PLY, STL, OFF, GLB, GLTF) are sampled evenly with exactly `points` points. Bare point clouds (PLY without faces, XYZ, NPY; columns
-    x y z or x y z nx ny nz) keep their own points, evenly thinned out if there are more than `points`, and without those that stray from the
-    surface. Normals that come with a cloud are checked against its points: colours are left out, inward ones turned, and ones without a common
-    side oriented. The axes are those of the file, where z is taken to point up, unless `up` or `rotate` turn it.
+    Meshes (OBJ, PLY, STL, OFF, GLB, GLTF) are sampled evenly with exactly `points` points. Bare point clouds (PLY without faces, XYZ, NPY;
+    columns x y z or x y z nx ny nz) keep their own points, evenly thinned out if there are more than `points`, and without those that stray
+    from the surface. Normals that come with a cloud are checked against its points: colours are left out, inward ones turned, and ones
+    without a common side oriented. The axes are those of the file, where z is taken to point up, unless `up` or `rotate` turn it.
 
     Args:
         path: the file.
@@ -310,7 +310,8 @@ def _usable(normals: FloatArray, notes: list[str]) -> FloatArray | None:
 
 
 def _outward(points: FloatArray, unit: FloatArray, middle: FloatArray, notes: list[str]) -> FloatArray:
-    # For a closed surface sampled evenly, sum n . (p - c) is three times the volume over the area of a point: negative means inward normals.
+    # For a closed surface sampled evenly, sum n . (p - c) is three times the volume over the area of a point: negative means inward
+    # normals.
     if float(np.einsum("ij,ij->", unit, points - middle)) < 0.0:
         notes.append("normals pointed inward: turned outward")
         unit = -unit

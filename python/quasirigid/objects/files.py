@@ -1,6 +1,7 @@
 """Files in, raw geometry out: which formats are known, and how each is read.
 
-One rule for all formats: what is there is read, with a warning that names what was left out or mended; or an error names the line or the element.
+One rule for all formats: what is there is read, with a warning that names what was left out or mended; or an error names the line or the
+element.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ FORMATS = MESH_FORMATS + POINT_FORMATS
 def read_file(path: str | os.PathLike[str]) -> RawGeometry:
     """Reads a mesh or a point cloud, chosen by the file's extension.
 
-    Scenes of several meshes are concatenated, with their transforms applied. A scene that holds faces and loose points keeps the faces. What is wrong
-    with the content is said with the file's name alone: of an upload the rest of the path means nothing to whoever made it.
+    Scenes of several meshes are concatenated, with their transforms applied. A scene that holds faces and loose points keeps the faces.
+    What is wrong with the content is said with the file's name alone: of an upload the rest of the path means nothing to whoever made it.
 
     Raises:
         ObjectFileError: missing file, directory, unknown extension, unreadable or empty file.

@@ -84,11 +84,12 @@ def solid_of_hull(points: FloatArray, what: str) -> Solid:
 
 
 def outermost(points: FloatArray) -> FloatArray:
-    """Of many points those that are farthest out as seen from their middle, one for each of `6 * HULL_BINS**2` directions: their hull stands for that of all.
+    """Of many points those that are farthest out as seen from their middle, one for each of `6 * HULL_BINS**2` directions: their hull
+    stands for that of all.
 
-    A hull goes with its points when they are stretched, so that directions are taken where the points are as long as they are wide and thick. Of a round body
-    the hull loses 3e-4 of its volume. Corners are kept, but above `4 * MOST_HULL_POINTS` points one in some is looked at, and a corner can be cut off by the few
-    spacings to the next of these.
+    A hull goes with its points when they are stretched, so that directions are taken where the points are as long as they are wide and
+    thick. Of a round body the hull loses 3e-4 of its volume. Corners are kept, but above `4 * MOST_HULL_POINTS` points one in some is
+    looked at, and a corner can be cut off by the few spacings to the next of these.
     """
     points = points[:: max(1, len(points) // (4 * MOST_HULL_POINTS))]
     centred = points - points.mean(axis=0)

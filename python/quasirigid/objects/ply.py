@@ -1,7 +1,8 @@
 """PLY files: text and binary of both byte orders, faces of any number of corners, triangle strips, bare clouds with normals.
 
-Format: G. Turk, The PLY polygon file format (1994). An element is a table; a property is a column, or a list of numbers in every row. Vertices are the element
-``vertex``. Faces are whatever else has a list ``vertex_indices`` or ``vertex_index``: polygons in ``face``, strips with -1 between them in ``tristrips``.
+Format: G. Turk, The PLY polygon file format (1994). An element is a table; a property is a column, or a list of numbers in every row.
+Vertices are the element ``vertex``. Faces are whatever else has a list ``vertex_indices`` or ``vertex_index``: polygons in ``face``, strips
+with -1 between them in ``tristrips``.
 """
 
 from __future__ import annotations

@@ -66,7 +66,9 @@ def thin_out(points: FloatArray, normals: FloatArray | None, count: int) -> IntA
 
 
 def has_duplicates(points: FloatArray) -> bool:
-    """Whether some of the points (n, 3) are equal. Two different ones are taken for equal with a chance of n^2 / 2^65: then there is nothing lost but time."""
+    """Whether some of the points (n, 3) are equal. Two different ones are taken for equal with a chance of n^2 / 2^65: then there is
+    nothing lost but time.
+    """
     bits = np.ascontiguousarray(points + 0.0).view(np.uint64)  # + 0.0: the bits of -0.0 are others
     mixed = bits[:, 0].copy()
     for column in (1, 2):
@@ -86,7 +88,9 @@ def _area_of_cloud(points: FloatArray) -> float:
 
 
 def _one_per_cell(points: FloatArray, normals: FloatArray | None, count: int, area: float) -> IntArray:
-    """About `count` points or more of a much denser cloud, in rising order: one for each cell of a grid, and for each way that its normals look."""
+    """About `count` points or more of a much denser cloud, in rising order: one for each cell of a grid, and for each way that its normals
+    look.
+    """
     low = points.min(axis=0)
     # A surface at an angle cuts 1.5 times as many cells as one along the grid.
     edge = math.sqrt(1.5 * area / count)
@@ -122,7 +126,8 @@ def eliminate(points: FloatArray, normals: FloatArray | None, count: int, area: 
     total = len(points)
     if count >= total:
         return np.arange(total)
-    # Eq. 4 and 5: r_max is the largest radius at which `count` discs cover the area (hexagonal packing); distances below r_min weigh no more.
+    # Eq. 4 and 5: r_max is the largest radius at which `count` discs cover the area (hexagonal packing); distances below r_min weigh no
+    # more.
     r_max = math.sqrt(area / (2.0 * math.sqrt(3.0) * count))
     r_min = r_max * (1.0 - (count / total) ** 1.5) * 0.65
     pairs = cKDTree(points).query_pairs(2.0 * r_max, output_type="ndarray")

@@ -1,4 +1,6 @@
-"""Attributes of recordings: texts have a fixed length. What has not is kept in a heap, which libhdf5 does not read safely if it is damaged."""
+"""Attributes of recordings: texts have a fixed length. What has not is kept in a heap, which libhdf5 does not read safely
+if it is damaged.
+"""
 
 from __future__ import annotations
 

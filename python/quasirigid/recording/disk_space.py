@@ -1,7 +1,7 @@
 """Room for a file that grows: taken from the disk before something is written into it.
 
-libhdf5 does not survive a disk that is full: a write that fails leaves its caches in a state in which it crashes when the file is closed, or at
-the end of the program. So there is always room for what it writes next.
+libhdf5 does not survive a disk that is full: a write that fails leaves its caches in a state in which it crashes when the file is closed,
+or at the end of the program. So there is always room for what it writes next.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ PIECE = 2**16
 
 
 EOF_AT, EOF_SIZE = 28, 8
-"""Where a file of HDF5 (superblock of version 3, as recordings have) says how long it is, bytes. While it is written, how long it was at first."""
+"""Where a file of HDF5 (superblock of version 3, as recordings have) says how long it is, bytes. While it is written, how long it was at
+first.
+"""
 
 
 class DiskSpace:

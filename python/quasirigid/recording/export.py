@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from quasirigid._quasirigid import STAGES
 from quasirigid.errors import MissingPackageError
-from quasirigid.recording.scene import SceneRecording
+from quasirigid.recording.scene_recording import SceneRecording
 from quasirigid.recording.window import window_of
-from quasirigid.scene.contact_fields import CONTACT_FIELDS, EXPORTED_FIRST
+from quasirigid.scene.contact_fields import EXPORTED_FIRST, FIELD_OF, RECORDED_FIELDS, recorded_values
 
 READ = 2**14
 """Rows read at a time."""
@@ -91,20 +91,11 @@ def _contacts(recording: SceneRecording, steps: npt.NDArray[np.int64]) -> Column
     counts = ends[steps] - starts
     rows = np.concatenate([np.zeros(0, np.int64), *(np.arange(a, a + n) for a, n in zip(starts, counts, strict=True))])
 
-    def selected(name: str) -> npt.NDArray[Any]:
-        return _taken(recording, f"contacts/{name}", rows)
-
     columns: Columns = _key(recording, steps, counts)
-    first, others = EXPORTED_FIRST, [field.name for field in CONTACT_FIELDS if field.name not in EXPORTED_FIRST]
-    fields = {field.name: field for field in CONTACT_FIELDS}
-    for field in (fields[name] for name in (*first, *others)):
-        if f"contacts/{field.column}" not in recording.columns.names and field.missing is not None:
-            values = np.full(len(rows), field.missing, dtype=field.dtype)
-        else:
-            values = selected(field.column)
-        if values.dtype.kind in "iu":
-            values = values.astype(field.dtype)
-        if field.counts_bodies:
+    others = [field.name for field in RECORDED_FIELDS if field.name not in EXPORTED_FIRST]
+    for field in (FIELD_OF[name] for name in (*EXPORTED_FIRST, *others)):
+        values = recorded_values(field, recording.contact_columns, lambda column: _taken(recording, f"contacts/{column}", rows), len(rows))
+        if field.counts:
             values = bodies[values.astype(int)]
         elif field.labels:
             values = np.array(field.labels)[values]

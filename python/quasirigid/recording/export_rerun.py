@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from quasirigid.errors import MissingPackageError
-from quasirigid.recording.scene import SceneRecording
 from quasirigid.recording.scene_columns import frames_of
+from quasirigid.recording.scene_recording import SceneRecording
 from quasirigid.recording.window import window_of
 from quasirigid.rotation import rotate
 from quasirigid.scene.model import SceneState
@@ -38,7 +38,8 @@ def export_rerun(
 ) -> list[Path]:
     """Write the recording at ``path`` as ``out`` (``.rrd``); return what was written.
 
-    At most ``RATE`` states a second are written, and of these steps each ``every``-th at most. Raises ``MissingPackageError`` without rerun-sdk.
+    At most ``RATE`` states a second are written, and of these steps each ``every``-th at most. Raises ``MissingPackageError`` without
+    rerun-sdk.
     """
     try:
         import rerun as rr
@@ -84,7 +85,7 @@ class _Writer:
                 self._stream.log(
                     path,
                     rr.Mesh3D(vertex_positions=points, triangle_indices=faces, vertex_normals=normals, albedo_factor=colour),
-                    static=body.kind in ("link", "support") or len(body.points) > LARGE,
+                    static=not body.deforms or len(body.points) > LARGE,
                 )
         for finger, name in enumerate(self._model.fingers):
             style = rr.SeriesLines(colors=[_colour(FINGER_COLOURS[finger % 6])], names=[f"{name} (N)"])
@@ -109,7 +110,7 @@ class _Writer:
             rr.Arrows3D(origins=c.points[loaded], vectors=self._model.pushes(c)[loaded] * (0.005 / longest), colors=colours),
         )
         for finger, (tip, name) in enumerate(zip(self._tips, self._model.fingers, strict=True)):
-            weight = c.reactions[:, 0] * ((c.body_a == tip) | (c.body_b == tip))
+            weight = c.reactions[:, 0] * c.on(tip)
             at = [weight @ c.points / weight.sum()] if weight.sum() > 0.0 else np.zeros((0, 3))
             force = METRES_PER_NEWTON * state.finger_forces[finger : finger + 1][: len(at)]
             log(f"scene/forces/{_safe(name)}", rr.Arrows3D(origins=at, vectors=force, colors=[_colour(FINGER_COLOURS[finger % 6])]))
@@ -120,7 +121,7 @@ class _Writer:
     def _surface(self, state: SceneState, index: int, path: str) -> None:
         """The deformed surface, and on fingertips the pressure; once more when it has gone back to rest."""
         body, moved = self._model.bodies[index], state.moved.get(index)
-        if body.kind not in ("fingertip", "object") or len(body.points) > LARGE or (moved is None and index not in self._loaded):
+        if not body.deforms or len(body.points) > LARGE or (moved is None and index not in self._loaded):
             return
         points = body.points.copy()
         if moved is None:
@@ -131,7 +132,7 @@ class _Writer:
         new: dict[str, npt.NDArray[Any]] = {"vertex_positions": points.astype("f4")}
         if body.kind == "fingertip":
             c = state.contacts
-            mine = ((c.body_a == index) | (c.body_b == index)) & (c.pressures > 0.0)
+            mine = c.on(index) & (c.pressures > 0.0)
             placed = rotate(state.quaternions[index], points) + state.positions[index]
             colour = pad_colours(spread(placed, c.points[mine], c.pressures[mine], c.areas[mine]), self._peak)
             # The albedo multiplies: what is divided out here comes back there.

@@ -265,7 +265,9 @@ class RecordingFile:
 def _checked_chunks(
     path: Path, name: str, shape: tuple[int, ...], chunk: tuple[int, ...], itemsize: int, gzip: bool, table: AnyArray, size: int
 ) -> tuple[AnyArray, AnyArray]:
-    """The numbers of the chunks in their grid, rising, and mask, address and size of each. Raises ``RecordingError`` where they cannot be right."""
+    """The numbers of the chunks in their grid, rising, and mask, address and size of each. Raises ``RecordingError`` where they cannot be
+    right.
+    """
     grid = [-(-n // c) for n, c in zip(shape, chunk, strict=True)]
     length = math.prod(chunk) * itemsize
     table = table[(table[:, : len(shape)] < shape).all(axis=1)]  # of a dataset that was cut shorter

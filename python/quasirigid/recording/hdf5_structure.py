@@ -20,8 +20,8 @@ from contextlib import suppress
 from typing import Any
 
 READ_ATTEMPTS = 28
-"""How often HDF5 reads again what does not have its checksum, in case it is just being written: every pause is twice the one before, 0.3 s in all.
-Its own 100 attempts would never come to an end in a file that is damaged.
+"""How often HDF5 reads again what does not have its checksum, in case it is just being written: every pause is twice the one before, 0.3 s
+in all. Its own 100 attempts would never come to an end in a file that is damaged.
 """
 ATTRIBUTE_BYTES = 2**26
 """Largest attribute that is read. The longest one of a recording describes its bodies: some 200 bytes each."""

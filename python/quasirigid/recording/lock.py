@@ -17,11 +17,14 @@ class RecordingLock:
     """A path that nobody else records to. HDF5 does not see to that: who writes for readers in other processes holds no lock of it, and a
     second writer would empty the file before it was refused.
 
-    The lock is on a side file and ends with the process, however that ends. On Windows there is none, and the file is written where it belongs.
+    The lock is on a side file and ends with the process, however that ends. On Windows there is none, and the file is written where it
+    belongs.
     """
 
     def __init__(self, path: Path) -> None:
-        """Lock ``path`` and make its directory. Raises ``RecordingError`` if it is no place for a file or is being recorded to, and ``OSError``."""
+        """Lock ``path`` and make its directory. Raises ``RecordingError`` if it is no place for a file or is being recorded to, and
+        ``OSError``.
+        """
         self.target = path.resolve()
         """The file itself, wherever the process goes."""
         if self.target.exists() and not self.target.is_file():

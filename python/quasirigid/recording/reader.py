@@ -7,8 +7,8 @@ the run, or never. A *constant* is there from the start: the shapes of the bodie
 
 The file is written in the single-writer-multiple-readers mode of HDF5, which keeps the file on disk valid at all times.
 Rows are buffered and go to disk block by block, in a thread of their own, so that an append costs microseconds; a run that is killed
-loses what was not written yet. After a clean end any HDF5 tool opens the file. After a kill the file still carries the writer's mark: open it
-with ``Recording(path)``, or with ``h5py.File(path, "r", swmr=True)``.
+loses what was not written yet. After a clean end any HDF5 tool opens the file. After a kill the file still carries the writer's mark: open
+it with ``Recording(path)``, or with ``h5py.File(path, "r", swmr=True)``.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ from quasirigid.errors import RecordingError, UnknownNameError
 from quasirigid.recording.file import RecordingFile, Stored, damaged
 
 FORMAT = "quasirigid-recording"
-VERSION = 3
-"""1 (2026): a grasp without what a replay needs. 2: every column of a replay; contacts as the engine has them, see ``recording.scene``.
-3: texts have a fixed length; the control point of every contact; material and mass of every body.
+VERSION = 4
+"""1 (2026): a grasp without what a replay needs. 2: every column of a replay; contacts as the engine has them, see
+``quasirigid.scene.contact_fields``. 3: texts have a fixed length; the control point of every contact; material and mass of every body.
+4: every collider of a body, and those of every contact.
 """
 RAGGED = "ragged"
 STILL = "still: one row, or none if the run did not get there"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -18,9 +17,10 @@ import numpy.typing as npt
 
 from quasirigid.arrays.real import refuse_masked
 from quasirigid.arrays.types import AnyArray
-from quasirigid.errors import InvalidShapeError, InvalidValueError, RecordingError
+from quasirigid.errors import InvalidShapeError, RecordingError
 from quasirigid.recording.attributes import as_array, as_json, write_attribute
 from quasirigid.recording.disk_space import DiskSpace
+from quasirigid.recording.head import check_attributes, check_head
 from quasirigid.recording.lock import RecordingLock
 from quasirigid.recording.reader import CONSTANT, FORMAT, RAGGED, STILL, VERSION, Column
 from quasirigid.recording.values import Slot, given_value, held_value
@@ -31,8 +31,6 @@ RAGGED_CHUNK = 4096
 """Rows. The last chunk is written again with every block, and its old place in the file is lost: 9 % of the recording of a grasp, 6 % with
 2048 rows and 16 % with 8192; but fewer rows compress less well.
 """
-RESERVED = ("format", "version", "complete")
-"""Attributes by which a recording is known."""
 PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": LEVEL, "shuffle": True}
 
 
@@ -67,10 +65,10 @@ class Recorder:
         """Create the file at ``path`` with these ``columns``; ``block`` steps are written at a time. An older file there is replaced when
         the first of them are on disk, or by ``close``.
 
-        ``constants`` are arrays by name, written at once; ``columns`` may describe them. Raises ``RecordingError`` where no file can be written,
-        and ``InvalidValueError`` for columns and attributes that no file can have.
+        ``constants`` are arrays by name, written at once; ``columns`` may describe them. Raises ``RecordingError`` where no file can be
+        written, and ``InvalidValueError`` for columns and attributes that no file can have.
         """
-        _check(columns, attributes or {}, constants or {}, block)
+        check_head(columns, attributes or {}, constants or {}, block)
         self.path = Path(path)
         self._block = block
         ends = {c.group for c in columns if c.ragged}
@@ -165,8 +163,8 @@ class Recorder:
     def append(self, row: Mapping[str, Any]) -> None:
         """Add one step: a value for every step column and an array for every ragged one (same length within a group).
 
-        Values may have more digits than their column; nothing else is made to fit. Raises ``InvalidShapeError`` for a row of the wrong shape,
-        ``InvalidValueError`` for values that a column cannot hold, and ``RecordingError`` if earlier rows could not be written.
+        Values may have more digits than their column; nothing else is made to fit. Raises ``InvalidShapeError`` for a row of the wrong
+        shape, ``InvalidValueError`` for values that a column cannot hold, and ``RecordingError`` if earlier rows could not be written.
         """
         self._writer.check()
         filling = self._filling
@@ -240,7 +238,9 @@ class Recorder:
         self._writer.drain()
 
     def discard(self) -> None:
-        """End a recording that nobody wants: nothing of it stays, and an older file keeps its place if there was no step yet to replace it."""
+        """End a recording that nobody wants: nothing of it stays, and an older file keeps its place if there was no step
+        yet to replace it.
+        """
         self._writer.owner.check()
         if self._file:
             self._forgotten.detach()
@@ -249,14 +249,14 @@ class Recorder:
     def close(self, **attributes: Any) -> None:
         """Write what is buffered, mark the recording as complete and add ``attributes`` (dicts and lists become JSON) to the file.
 
-        Raises ``RecordingError`` if something could not be written; the file is closed all the same. Raises ``InvalidValueError`` for attributes
-        that no file can hold, and then the recording goes on. Raises ``ForkError`` in a forked child.
+        Raises ``RecordingError`` if something could not be written; the file is closed all the same. Raises ``InvalidValueError`` for
+        attributes that no file can hold, and then the recording goes on. Raises ``ForkError`` in a forked child.
         """
         self._writer.owner.check()
         if not self._file:
             return
         texts = {name: as_json(name, value) if isinstance(value, dict | list) else value for name, value in attributes.items()}
-        _check_attributes(texts)
+        check_attributes(texts)
         try:
             self._end_file()
             with _written(self.path):
@@ -345,49 +345,6 @@ def _describe(data: h5py.Dataset, column: Column) -> None:
         write_attribute(data, "resolution", column.resolution)
     if column.labels:
         write_attribute(data, "labels", column.labels)
-
-
-def _check(columns: Sequence[Column], attributes: Mapping[str, Any], constants: Mapping[str, Any], block: int) -> None:
-    """Raises ``InvalidValueError`` for what no recording can have."""
-    if type(block) is not int or block < 1:
-        raise InvalidValueError("block", "at least 1 step", block, "leave it out for 100")
-    names: set[str] = set()
-    for c in columns:
-        where = f"column {c.name}"
-        try:
-            dtype = np.dtype(c.dtype)
-        except TypeError as error:
-            raise InvalidValueError(
-                f"dtype of {where}", "the name of a NumPy type", error, "give f8, f4, i8, u1, S16 or the like"
-            ) from None
-        if dtype.kind not in "fiubS" or not dtype.itemsize:
-            raise InvalidValueError(
-                f"dtype of {where}", "numbers, or texts of a fixed length", c.dtype, "give f8, f4, i8, u1, S16 or the like"
-            )
-        if c.resolution and not (c.resolution > 0.0 and math.frexp(c.resolution)[0] == 0.5 and dtype.kind == "f"):
-            raise InvalidValueError(f"resolution of {c.name}", "a power of 2, on numbers with a point", c.resolution, "give 2.0**-30 or 0")
-        if c.constant and c.name not in constants:
-            raise InvalidValueError(where, "a value among the constants", "none", "give it, or leave the column out")
-        if not all(part and part != "." for part in c.name.split("/")):
-            raise InvalidValueError(where, "parts with a name between slashes", c.name, "such as object/pose")
-        names |= {f"{c.group}/end"} if c.ragged else set()
-    own = [c.name for c in columns if not c.constant] + list(constants)
-    for name in own:
-        parents = {name.rsplit("/", i)[0] for i in range(1, name.count("/") + 1)}
-        if name in names or parents & names or own.count(name) > 1 or parents & set(own):
-            raise InvalidValueError(
-                f"column {name}", "a name of its own", "that of another column, or of its group", "give it another name"
-            )
-    for name, values in constants.items():
-        as_array(name, values)
-    _check_attributes(attributes)
-
-
-def _check_attributes(attributes: Mapping[str, Any]) -> None:
-    for name, value in attributes.items():
-        if name in RESERVED:
-            raise InvalidValueError(f"attribute {name}", "a name that the format does not use itself", name, "give it another name")
-        as_array(name, value)
 
 
 @contextmanager

@@ -8,28 +8,30 @@ from quasirigid._quasirigid import STAGES
 from quasirigid.recording.file import damaged
 from quasirigid.recording.reader import Column, Recording
 from quasirigid.recording.schema import ANY, check_columns
-from quasirigid.scene.contact_fields import CONTACT_FIELDS, ContactField
+from quasirigid.scene.contact_fields import RECORDED_FIELDS, ContactField
 from quasirigid.scene.model import SceneModel
 
 MOVED_RESOLUTION = 2.0**-30
-"""Deformation is recorded to 0.5 nm: half of this, m. The digits below are noise, which cannot be compressed and would be a third of a recording."""
+"""Deformation is recorded to 0.5 nm: half of this, m. The digits below are noise, which cannot be compressed and would be a third of a
+recording.
+"""
 PHASE_BYTES = 64
 """Longest name of a phase, in UTF-8."""
 PHASE_CODES = Column("phase", (), "u1")
 """What the column ``phase`` may be too: a number, with a label for each."""
-SINCE: dict[str, int] = {f"contacts/{field.column}": field.since for field in CONTACT_FIELDS if field.since > 2}
+SINCE: dict[str, int] = {f"contacts/{field.column}": field.since for field in RECORDED_FIELDS if field.since > 2}
 """The version of the format in which a column came, where that is not the first with a scene."""
 
 
 COUNTED = "counted as in bodies/quarantined"
-"""How bodies are counted."""
+"""How bodies and colliders are counted."""
 
 
 def contact_column(field: ContactField, bodies: int) -> Column:
     """The column of a field of a contact, in a scene of so many ``bodies``."""
     what, values = field.what, (0, len(field.labels) - 1) if field.labels else None
-    if field.counts_bodies:
-        what, values = f"{what}; {COUNTED}, -1 for a body that is not drawn", (-1, bodies - 1)
+    if field.counts:
+        what, values = f"{what}; {COUNTED}, -1 for a {field.counts} that is not drawn", (-1, bodies - 1)
     name, resolution = f"contacts/{field.column}", field.resolution
     return Column(name, field.shape, field.stored, field.unit, field.frame, what, True, field.labels, resolution=resolution, values=values)
 
@@ -43,7 +45,7 @@ def scene_columns(model: SceneModel, joints: tuple[int, int]) -> list[Column]:
     return [
         Column("frames/pose", (len(frames), 7), unit="m, 1", frame="world", what=what, labels=frames),
         Column("bodies/quarantined", (B,), "u1", what="1 from when it became non-finite and was set aside", labels=bodies),
-        *(contact_column(field, B) for field in CONTACT_FIELDS),
+        *(contact_column(field, B) for field in RECORDED_FIELDS),
         Column("moved/body", (), "u2", what=f"whose surface point is displaced; {as_in}", ragged=True, values=(0, B - 1)),
         Column("moved/index", (), "u4", what="row of model/<body>/points", ragged=True),
         Column("moved/displacement", (3,), "f4", "m", "body", "from the point at rest", ragged=True, resolution=MOVED_RESOLUTION),

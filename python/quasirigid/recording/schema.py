@@ -32,8 +32,8 @@ def described(column: Column, like: Column | None = None) -> str:
 def check_columns(recording: Recording, expected: Iterable[Column], since: Mapping[str, int] | None = None) -> None:
     """See to it that a recording has these columns, as they are described here, and holds no other values than they may have.
 
-    ``since`` is the version of the format in which a column came: older recordings do without it. Raises ``RecordingError``, which names the
-    column, what was expected and what came.
+    ``since`` is the version of the format in which a column came: older recordings do without it. Raises ``RecordingError``, which names
+    the column, what was expected and what came.
     """
     expected = list(expected)
     for column in expected:

@@ -49,7 +49,9 @@ def _dtype(name: str) -> np.dtype[Any]:
 
 
 def held_value(column: Column, given: AnyArray) -> AnyArray:
-    """The values as a column holds them: the same but for digits beyond its precision. Raises the errors of ``Recorder.append`` for others."""
+    """The values as a column holds them: the same but for digits beyond its precision. Raises the errors of
+    ``Recorder.append`` for others.
+    """
     wanted, dtype = _dtype(column.dtype), given.dtype
     if dtype == wanted:
         return given

@@ -10,14 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from quasirigid.errors import InvalidValueError
-from quasirigid.recording.scene import SceneRecording
+from quasirigid.recording.scene_recording import SceneRecording
 
 BLOCK = 500
 """Steps written at a time."""
 
 
 def check_times(start: float | None, end: float | None, *, single: bool = False) -> None:
-    """Raises ``InvalidValueError`` for a time (s) that is none; ``single``: the options are called ``--at`` and not ``--from`` and ``--to``."""
+    """Raises ``InvalidValueError`` for a time (s) that is none; ``single``: the options are called ``--at`` and not ``--from`` and
+    ``--to``.
+    """
     for name, value in (("at", end),) if single else (("from", start), ("to", end)):
         if value is not None and not math.isfinite(value):
             raise InvalidValueError(name, "a time in s", value, f"leave --{name} out for the whole recording")

@@ -1,9 +1,11 @@
 """What puts a recording on disk: a thread that compresses and writes whole blocks of steps while the run goes on.
 
-The stepping thread hands over a block and goes on; it waits only when ``WAITING`` blocks have not been written yet. Nothing is ever left out.
+The stepping thread hands over a block and goes on; it waits only when ``WAITING`` blocks have not been written yet. Nothing is ever left
+out.
 
-HDF5 holds Python's lock in every call, and would hold it while it compresses. So chunks are shuffled and compressed here, with functions that
-let go of the lock, and given to HDF5 as they are to stand in the file: what is left of a block under the lock is a tenth of a millisecond at a time.
+HDF5 holds Python's lock in every call, and would hold it while it compresses. So chunks are shuffled and compressed here, with functions
+that let go of the lock, and given to HDF5 as they are to stand in the file: what is left of a block under the lock is a tenth of a
+millisecond at a time.
 """
 
 from __future__ import annotations
@@ -35,7 +37,9 @@ LEVEL = 1
 MARGIN = 2**15
 """Room beside all columns that is kept for what HDF5 writes when a file is closed, bytes: measured are 6 kB."""
 PAUSE = 5e-5
-"""Pause after every column, s. A thread that waits for Python's lock gets it then; otherwise it would have to wait for the interpreter's 5 ms."""
+"""Pause after every column, s. A thread that waits for Python's lock gets it then; otherwise it would have to wait for the interpreter's 5
+ms.
+"""
 NICER = 5
 """By how much the thread gives way to others on a busy processor: compressing may wait, steps may not."""
 Packed = tuple[int, list[tuple[tuple[int, ...], bytes]]]
@@ -56,7 +60,9 @@ class PackedColumn:
     """The end of a column in a file, to which rows are added: shuffled and compressed as HDF5 would."""
 
     def __init__(self, data: h5py.Dataset, resolution: float = 0.0) -> None:
-        """``data`` is chunked, with the filters shuffle and gzip alone. Values are rounded to whole multiples of ``resolution``, a power of 2; 0: not at all."""
+        """``data`` is chunked, with the filters shuffle and gzip alone. Values are rounded to whole multiples of ``resolution``, a power of
+        2; 0: not at all.
+        """
         self._data = data
         self._resolution = resolution
         self._chunk: tuple[int, ...] = data.chunks
@@ -181,7 +187,8 @@ class RecordingWriter:
         while True:
             job = self._jobs.get()
             try:
-                # After a failure nothing more is written: what is on disk stays as it is. An interrupted `give` may be repeated: that is seen.
+                # After a failure nothing more is written: what is on disk stays as it is. An interrupted `give` may be repeated: that is
+                # seen.
                 if job is not None and self._failure is None and job is not self._last:
                     self._last = job
                     self._write(job)

@@ -15,7 +15,9 @@ GRID, CELL = 0.01, 1.5e-3
 
 
 def floor_lines(x: AnyArray, y: AnyArray, middle: AnyArray, reach: float) -> AnyArray:
-    """How strong the grid is (height, width) where the pixels see the floor at ``x``, ``y`` m; it fades out at ``reach`` m from the ``middle``."""
+    """How strong the grid is (height, width) where the pixels see the floor at ``x``, ``y`` m; it fades out at ``reach`` m from the
+    ``middle``.
+    """
     far = np.hypot(x - middle[0], y - middle[1]) / reach
     lines = np.zeros(x.shape)
     # Lines one fine pixel and a half wide, whichever way the floor is foreshortened.
@@ -28,7 +30,9 @@ def floor_lines(x: AnyArray, y: AnyArray, middle: AnyArray, reach: float) -> Any
 
 
 def soft_shadow(covered: AnyArray, x: AnyArray, y: AnyArray, reach: float) -> AnyArray:
-    """A soft shadow (height, width), 0 to 1, of what covers the floor: ``covered`` (cells, cells) of ``CELL`` m, along x and y from ``-reach``."""
+    """A soft shadow (height, width), 0 to 1, of what covers the floor: ``covered`` (cells, cells) of ``CELL`` m, along x and y from
+    ``-reach``.
+    """
     soft = 0.5 * gaussian_filter(covered, 2e-3 / CELL) + 0.5 * gaussian_filter(covered, 7e-3 / CELL)
     dark: AnyArray = map_coordinates(soft, [(x + reach) / CELL - 0.5, (y + reach) / CELL - 0.5], order=1)
     return dark

@@ -1,7 +1,7 @@
 """Pictures into files: PNG frames in a directory, one PNG, an animated GIF, an MP4.
 
-A writer takes frames (height, width, 3) of ``uint8`` one at a time and holds none of them back, so that a film may be of any length. Nothing is
-on disk before the first frame, and an older film stays until the new one is finished.
+A writer takes frames (height, width, 3) of ``uint8`` one at a time and holds none of them back, so that a film may be of any length.
+Nothing is on disk before the first frame, and an older film stays until the new one is finished.
 """
 
 from __future__ import annotations
@@ -40,7 +40,9 @@ class Writer(Protocol):
     """What was written."""
 
     def prepare(self, frames: Sequence[Frame], accents: Frame) -> None:
-        """Some frames of the film, before its first, and colours (1, n, 3) that matter though they cover little: for what all frames have in common."""
+        """Some frames of the film, before its first, and colours (1, n, 3) that matter though they cover little: for what all frames have
+        in common.
+        """
 
     def add(self, frame: Frame) -> None:
         """Write the next frame."""
@@ -103,7 +105,8 @@ class Gif:
         self._began, self._count = 0, 0
 
     def prepare(self, frames: Sequence[Frame], accents: Frame) -> None:
-        """Choose the colours, from some frames of the film. One palette serves all: colours do not flicker, and frames that differ little are small.
+        """Choose the colours, from some frames of the film. One palette serves all: colours do not flicker, and frames that differ little
+        are small.
 
         The octree is ten times faster than the median cut, and half as far off: smooth greys need their steps.
         """

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from PIL import Image, ImageDraw, ImageFont
 
 from quasirigid.arrays.types import AnyArray
-from quasirigid.recording.scene import SceneRecording
+from quasirigid.recording.scene_recording import SceneRecording
 from quasirigid.render.camera import Camera
 from quasirigid.render.layer import halved, shade
 from quasirigid.render.media import Frame
@@ -82,8 +82,8 @@ class Overlay:
         times: tuple[float, float],
         scale: float = 1.0,
     ) -> None:
-        """``camera`` is that of the scene, which is drawn ``scale`` times as large as the world; ``peak`` Pa is the top of the colour scale, 0
-        where nothing is pressed; ``times`` first and last s of the film.
+        """``camera`` is that of the scene, which is drawn ``scale`` times as large as the world; ``peak`` Pa is the top of the colour
+        scale, 0 where nothing is pressed; ``times`` first and last s of the film.
         """
         self._posed_scene, self._scale = posed_scene, scale
         self.recording, self.layout, self.camera, self.peak = recording, layout, camera, peak
@@ -138,7 +138,7 @@ class Overlay:
         arrows: list[tuple[AnyArray, AnyArray, str]] = []
         c = state.contacts
         for finger, tip in enumerate(tips):
-            mine = ((c.body_a == tip) | (c.body_b == tip)) & (c.reactions[:, 0] > 0.0)
+            mine = c.on(tip) & (c.reactions[:, 0] > 0.0)
             if mine.any():
                 centre = np.average(c.points[mine], axis=0, weights=c.reactions[mine, 0])
                 start, end = self._at(centre), self._at(centre + self._metres_per_newton * state.finger_forces[finger])
@@ -192,7 +192,7 @@ class Overlay:
             picture = self._pad(state, tip, side)
             image.paste(picture, (round(x), round(y)))
             pen.rectangle([round(x), round(y), round(x) + side - 1, round(y) + side - 1], outline="#CCCCCC")
-            mine = ((c.body_a == tip) | (c.body_b == tip)) & (c.reactions[:, 0] > 0.0)
+            mine = c.on(tip) & (c.reactions[:, 0] > 0.0)
             slips = int((c.status[mine] == SLIP).sum())
             tx = round(x) + side + 10 * u
             colour = FINGER_COLOURS[finger % 6]
@@ -225,7 +225,7 @@ class Overlay:
         picture = np.where(layer.drawn[..., None], shade(layer, camera.scale, gloss=0.0, hollows=False), 1.0)
         image = Image.fromarray((255.0 * halved(picture) + 0.5).astype(np.uint8))
         c = state.contacts
-        slips = ((c.body_a == tip) | (c.body_b == tip)) & (c.status == SLIP) & (c.reactions[:, 0] > 0.0)
+        slips = c.on(tip) & (c.status == SLIP) & (c.reactions[:, 0] > 0.0)
         pen = ImageDraw.Draw(image)
         places = camera.project(c.points[slips])[:, :2] * camera.scale / 2 * [1.0, -1.0] + side / 2
         ring = max(2.0, 0.022 * side)
@@ -292,7 +292,7 @@ class Overlay:
 
 
 def _title_of(recording: SceneRecording) -> str:
-    objects = [body.name for body in recording.model.bodies if body.kind == "object"]
+    objects = [body.name for body in recording.model.bodies if body.kind == "object" and body.part_of is None]
     name = (
         Path(str(recording.columns.attributes.get("object", objects[0] if objects else "scene"))).stem.replace("-", " ").replace("_", " ")
     )

@@ -20,7 +20,7 @@ import numpy as np
 
 from quasirigid.arrays.types import AnyArray
 from quasirigid.errors import InvalidShapeError, InvalidValueError, UnknownNameError
-from quasirigid.recording.scene import SceneRecording
+from quasirigid.recording.scene_recording import SceneRecording
 from quasirigid.recording.window import check_times, span
 from quasirigid.render.camera import Camera
 from quasirigid.render.fonts import quiet_fonts
@@ -114,9 +114,8 @@ def towards(camera: str, recording: SceneRecording, state: SceneState) -> AnyArr
 
 def _middle(recording: SceneRecording, state: SceneState) -> AnyArray:
     """Middle of the fingertips, or of the objects where there are none, (3,) m."""
-    kinds = [body.kind for body in recording.model.bodies]
-    objects = [i for i, kind in enumerate(kinds) if kind == "object"]
-    tips = [i for i, kind in enumerate(kinds) if kind == "fingertip" and not waits(recording, state, i)]
+    objects = [i for i, body in enumerate(recording.model.bodies) if body.kind == "object" and body.part_of is None]
+    tips = [i for i in recording.model.fingertips() if not waits(recording, state, i)]
     for mine in (tips, objects):
         if mine:
             middle: AnyArray = state.positions[mine].mean(axis=0)

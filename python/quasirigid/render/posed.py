@@ -58,7 +58,7 @@ class PosedScene:
     def _pad_colours(self, points: AnyArray, state: SceneState, body: int) -> AnyArray:
         """Colours (n, 4) of a fingertip's ``points`` under the pressure of its contacts."""
         c = state.contacts
-        mine = ((c.body_a == body) | (c.body_b == body)) & (c.pressures > 0.0)
+        mine = c.on(body) & (c.pressures > 0.0)
         return pad_colours(spread(points, c.points[mine], c.pressures[mine], c.areas[mine]), self.peak)
 
 

@@ -1,7 +1,7 @@
 """Draws triangle meshes: scan lines with a depth buffer, all triangles at once. Orthographic, NumPy only.
 
-For moving pictures: where every point has its triangles a pixel is covered about twice, not fifteen times as by the discs of
-``quasirigid.render.splats``, whose cameras and layers are used here.
+For still and moving pictures. Where every point has its triangles a pixel is covered about twice. Colours and normals go from corner to
+corner in straight lines: what changes faster needs more triangles (``quasirigid.scene.sharp_edges``).
 """
 
 from __future__ import annotations

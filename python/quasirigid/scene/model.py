@@ -38,7 +38,7 @@ class ControlPoints:
 
 @dataclass(frozen=True, eq=False)
 class BodyView:
-    """One body with a pose."""
+    """One surface, or part of a hand, with a pose: what touches and what is drawn. The first surface of a body stands for the body."""
 
     name: str
     """Unique in the scene: ``"box"``, ``"thumb/tip"``, ``"thumb/link 2"``, ``"palm"``."""
@@ -62,6 +62,15 @@ class BodyView:
     """kg, 0 for a fixed body; ``None`` of the parts of a hand, whose masses belong to its model."""
     centre_of_mass: tuple[float, float, float] | None = None
     """m, body frame."""
+    part_of: int | None = None
+    """Of a further collider: the body that carries it, a row of ``SceneModel.bodies``. ``None`` of all others."""
+    link: int = 0
+    """Link of the body, or of the finger, that it is fixed to, from 0; 0 for a rigid body."""
+
+    @property
+    def deforms(self) -> bool:
+        """Whether its dents are drawn: those of what is gripped and of what grips, not those of the ground."""
+        return self.kind in ("object", "fingertip") or (self.kind == "link" and self.part_of is not None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +78,7 @@ class SceneModel:
     """What stays the same: the bodies and the names of the fingers."""
 
     bodies: tuple[BodyView, ...]
+    """One for each body and link of a hand; behind them the further colliders of bodies that carry several (``BodyView.part_of``)."""
     fingers: tuple[str, ...] = ()
     dt: float = 1e-3
     """Time step, s."""
@@ -81,11 +91,11 @@ class SceneModel:
         return [where[f] for f in range(len(self.fingers)) if f in where]
 
     def pushes(self, contacts: ContactsState) -> FloatArray:
-        """(c, 3) N, world: in every contact the force on what is pushed. Fingers push whatever they touch, supports push objects; between two
-        equals it is the force on body b. Which of the two is body a depends on whose surface is sampled finer.
+        """(c, 3) N, world: in every contact the force on what is pushed. Fingers push whatever they touch, supports push objects; between
+        two equals it is the force on body b. Which of the two is body a depends on whose surface is sampled finer.
         """
-        rank = np.array([PUSHERS.index(body.kind) for body in self.bodies] + [PUSHERS.index("support")])  # the last is of a body -1
-        on_a = rank[contacts.body_b] < rank[contacts.body_a]
+        rank = np.array([PUSHERS.index(body.kind) for body in self.bodies] + [PUSHERS.index("support")])  # the last is of a collider -1
+        on_a = rank[contacts.collider_b] < rank[contacts.collider_a]
         pushed: FloatArray = np.where(on_a, 1.0, -1.0)[:, None] * contacts.forces
         return pushed
 
@@ -102,7 +112,9 @@ class Moved:
 
 @dataclass(frozen=True, eq=False)
 class ContactsState:
-    """The contacts of a step; row i of every array is contact i. Bodies are counted as in ``SceneModel.bodies``. The fields are those of ``CONTACT_FIELDS``."""
+    """The contacts of a step; row i of every array is contact i. Bodies and colliders are counted as in ``SceneModel.bodies``. The fields
+    are those of ``RECORDED_FIELDS``.
+    """
 
     points: FloatArray
     """(c, 3) m, world."""
@@ -124,11 +136,22 @@ class ContactsState:
     """(c,) the body whose control point it is; -1 if it is not drawn."""
     body_b: IntArray
     """(c,) the other body; -1 if it is not drawn."""
+    collider_a: IntArray
+    """(c,) the surface of body a that it is on: body a itself, or one of its further colliders; -1 if it is not drawn. In recordings from
+    before it was recorded, body a.
+    """
+    collider_b: IntArray
+    """(c,) the other surface; -1 if it is not drawn."""
     control_point: IntArray
-    """(c,) which control point of body a it is, a row of ``BodyView.control``; -1 in recordings from before it was recorded."""
+    """(c,) which control point of collider a it is, a row of its ``BodyView.control``; -1 in recordings from before it was recorded."""
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def on(self, collider: int) -> npt.NDArray[np.bool_]:
+        """(c,) which of them are on a surface, a row of ``SceneModel.bodies``."""
+        mine: npt.NDArray[np.bool_] = (self.collider_a == collider) | (self.collider_b == collider)
+        return mine
 
     @staticmethod
     def none() -> ContactsState:
@@ -174,7 +197,9 @@ class SceneState:
     """By body; a body that is not there has its surface at rest."""
     contacts: ContactsState = field(default_factory=ContactsState.none)
     finger_forces: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
-    """(fingers, 3) sum of the contact forces of each fingertip on whatever it touches, N, world."""
+    """(fingers, 3) sum of the contact forces of each fingertip on whatever it touches, N, world; without those of other surfaces of the
+    finger.
+    """
     normal_forces: FloatArray = field(default_factory=lambda: np.zeros(0))
     """(fingers,) sum of the normal reactions of each fingertip, N."""
     joint_positions: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))

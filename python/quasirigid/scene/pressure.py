@@ -19,7 +19,9 @@ STICK, SLIP = 1, 2
 
 @cache
 def viridis() -> FloatArray:
-    """The colour map of pressure, (256, 3) in 0 to 1: perceptually uniform, colour-blind-safe. Matplotlib has it, and is imported with the first call."""
+    """The colour map of pressure, (256, 3) in 0 to 1: perceptually uniform, colour-blind-safe. Matplotlib has it, and is imported with the
+    first call.
+    """
     from matplotlib import colormaps
 
     return np.asarray(colormaps["viridis"](np.arange(256))[:, :3], dtype=np.float64)
@@ -97,8 +99,8 @@ class Patch:
 
 def world_patch(contacts: ContactsState, body: int) -> Patch:
     """The contacts of a body, in world axes."""
-    mine = np.flatnonzero((contacts.body_a == body) | (contacts.body_b == body))
-    sign = np.where(contacts.body_a[mine] == body, 1.0, -1.0)[:, None]
+    mine = np.flatnonzero(contacts.on(body))
+    sign = np.where(contacts.collider_a[mine] == body, 1.0, -1.0)[:, None]
     along = contacts.reactions[mine, :1] * contacts.normals[mine]
     areas = contacts.areas[mine]
     return Patch(
@@ -123,8 +125,8 @@ def pressure_at(points: FloatArray | npt.NDArray[np.float32], patch: Patch) -> F
 
 
 def spread(points: FloatArray | npt.NDArray[np.float32], spots: FloatArray, pressures: FloatArray, areas: FloatArray) -> FloatArray:
-    """Pressure (n,) Pa at ``points`` (n, 3) m: that of the contacts around, a Gaussian as wide as they are apart. The contacts are at ``spots``
-    (c, 3) m, have ``pressures`` (c,) Pa and ``areas`` (c,) m^2. Vectors, such as shear (c, k) Pa, give (n, k).
+    """Pressure (n,) Pa at ``points`` (n, 3) m: that of the contacts around, a Gaussian as wide as they are apart. The contacts are at
+    ``spots`` (c, 3) m, have ``pressures`` (c,) Pa and ``areas`` (c,) m^2. Vectors, such as shear (c, k) Pa, give (n, k).
     """
     if len(spots) == 0 or not pressures.any():
         return np.zeros((len(points), *pressures.shape[1:]))

@@ -1,4 +1,5 @@
-"""What a forked child leaves to its parent: objects that work through a thread, which a child does not have, and files that are being written.
+"""What a forked child leaves to its parent: objects that work through a thread, which a child does not have, and files that are being
+written.
 
 Use them in the process that made them; they raise ``ForkError`` elsewhere.
 """
@@ -48,8 +49,8 @@ def close_kept(file: h5py.File) -> None:
 
 
 def _leave_files() -> None:
-    # What HDF5 in the child takes for the file leads nowhere from here on. The parent's own descriptor is not touched. HDF5 is not asked: a thread of
-    # the parent may have had its lock. The files stay in the table, so that no garbage collection closes them.
+    # What HDF5 in the child takes for the file leads nowhere from here on. The parent's own descriptor is not touched. HDF5 is not asked: a
+    # thread of the parent may have had its lock. The files stay in the table, so that no garbage collection closes them.
     nowhere = os.open(os.devnull, os.O_RDWR)
     for descriptor in _written:
         os.dup2(nowhere, descriptor)

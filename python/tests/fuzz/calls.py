@@ -1,7 +1,7 @@
 """Random calls of everything public: functions, constructors, methods, properties, operators.
 
-A case is a row of ``CALLS`` calls among the same few objects, which the calls add to and change. What is public is found by introspection, so that what is added to the package
-is called too.
+A case is a row of ``CALLS`` calls among the same few objects, which the calls add to and change. What is public is found by introspection,
+so that what is added to the package is called too.
 """
 
 from __future__ import annotations
@@ -26,13 +26,20 @@ CALLS = 20
 SKIPPED = {"view", "record", "Recorder", "SceneRecording", "Recording", "load_object", "shipped_take"}
 """Pages of a browser and files: tested by the file."""
 USUAL: dict[str, list[Any]] = {
-    "points": [60, 300, 400], "control_points": [None, 20, 40], "radius": [0.01, 0.02], "length": [0.01, 0.05], "size": [(0.02, 0.03, 0.04)], "side": [0.1, "left", "right"],
-    "mass": [0.1, None], "density": [1000.0, None], "motion": ["inertial", "quasi-static", "fixed"], "position": [(0, 0, 0.01), None], "quaternion": [(1, 0, 0, 0), None],
-    "finger": [0, 1, 2], "n": [1, 2, 5], "name": ["rubber", "wood", "thing"], "a": ["rubber", "wood"], "b": ["rubber", "wood"], "friction": [0.5, None], "W": [np.eye(3), np.eye(6)],
-    "q": [(-1.0, 0.2, 0.0), np.zeros(6)], "mu": [(0.5,), (0.5, 0.3)], "timeout": [0.0, 0.01], "bind": ["127.0.0.1"], "connection": ["0"], "targets": [()], "source_port": [0],
-    "iterations": [0, 5], "tolerance": [1e-6], "max_sweeps": [10], "normal": [(0, 0, 1)], "normals": [None], "areas": [None], "semi_axes": [(0.012, 0.0085, 0.007)], "threads": [1, 2],
-    "dt": [1e-3], "gravity": [(0, 0, -9.81)], "compliance": ["local", "half-space"], "speed": [1.0, 0.1], "now": [0.0, 0.1], "time": [0.0], "arrival": [0.0], "rate": [20.0],
-    "stiffness": [1.0, (100.0, 1.0)], "damping": [1.0, (1.0, 0.1)], "direction": [None, (1, 0, 0)], "ratio": [None, 2.0], "time_budget": [None, 0.01], "step_budget": [None, 0.01],
+    "points": [60, 300, 400], "control_points": [None, 20, 40], "radius": [0.01, 0.02], "length": [0.01, 0.05], "size": [(0.02, 0.03,
+    0.04)], "side": [0.1, "left", "right"],
+    "mass": [0.1, None], "density": [1000.0, None], "motion": ["inertial", "quasi-static", "fixed"], "position": [(0, 0, 0.01), None],
+    "quaternion": [(1, 0, 0, 0), None],
+    "finger": [0, 1, 2], "n": [1, 2, 5], "name": ["rubber", "wood", "thing"], "a": ["rubber", "wood"], "b": ["rubber", "wood"],
+    "friction": [0.5, None], "W": [np.eye(3), np.eye(6)],
+    "q": [(-1.0, 0.2, 0.0), np.zeros(6)], "mu": [(0.5,), (0.5, 0.3)], "timeout": [0.0, 0.01], "bind": ["127.0.0.1"], "connection": ["0"],
+    "targets": [()], "source_port": [0],
+    "iterations": [0, 5], "tolerance": [1e-6], "max_sweeps": [10], "normal": [(0, 0, 1)], "normals": [None], "areas": [None],
+    "semi_axes": [(0.012, 0.0085, 0.007)], "threads": [1, 2],
+    "dt": [1e-3], "gravity": [(0, 0, -9.81)], "compliance": ["local", "half-space"], "speed": [1.0, 0.1], "now": [0.0, 0.1], "time": [0.0],
+    "arrival": [0.0], "rate": [20.0],
+    "stiffness": [1.0, (100.0, 1.0)], "damping": [1.0, (1.0, 0.1)], "direction": [None, (1, 0, 0)], "ratio": [None, 2.0],
+    "time_budget": [None, 0.01], "step_budget": [None, 0.01],
 }  # fmt: skip
 """Arguments by the name of a parameter, that get a call behind its first checks."""
 
@@ -51,7 +58,8 @@ def public_callables() -> dict[str, Any]:
 PUBLIC = public_callables()
 CLASSES = tuple(thing for thing in PUBLIC.values() if inspect.isclass(thing))
 OPERATORS: list[Callable[[Any, Any], Any]] = [
-    lambda a, b: a == b, lambda a, b: a != b, lambda a, _: a in [a], lambda a, _: hash(a), lambda a, _: repr(a), lambda a, _: str(a), lambda a, _: copy.copy(a),
+    lambda a, b: a == b, lambda a, b: a != b, lambda a, _: a in [a], lambda a, _: hash(a), lambda a, _: repr(a), lambda a, _: str(a),
+    lambda a, _: copy.copy(a),
     lambda a, _: pickle.loads(pickle.dumps(a)), lambda a, _: copy.deepcopy(a), lambda a, b: {a: b}, lambda a, _: dir(a),
 ]  # fmt: skip
 
@@ -78,8 +86,10 @@ def _constants() -> list[Any]:
         take = mocap.Take.pinch(rate=10.0)
         frames = take.frames(mocap.HandDecoder("right"))
         _FIXED.extend([
-            box, qr.Surface.half_space(0.1, points=300, control_points=40), qr.Material.preset("rubber"), qr.Friction(0.5, 0.4), qr.MassProperties.sphere(0.02, mass=0.1),
-            qr.HandModel.three_finger(), qr.ComplianceMatrix(np.eye(120) * 1e-6), qr.ContactProblem(np.eye(3), [-1.0, 0.2, 0.0], [0.5]), take, frames[3],
+            box, qr.Surface.half_space(0.1, points=300, control_points=40), qr.Material.preset("rubber"), qr.Friction(0.5, 0.4),
+            qr.MassProperties.sphere(0.02, mass=0.1),
+            qr.HandModel.three_finger(), qr.ComplianceMatrix(np.eye(120) * 1e-6), qr.ContactProblem(np.eye(3), [-1.0, 0.2, 0.0], [0.5]),
+            take, frames[3],
             take.packets[0], mocap.Calibration((0, 0, 1)),
         ])  # fmt: skip
     return list(_FIXED)
@@ -180,7 +190,9 @@ def _write(value: np.ndarray[Any, Any]) -> None:
 
 
 def run_calls(context: dict[str, Any], number: int) -> str:
-    """Case ``number``: how many of its calls returned a value, in tenths. Raises what a call raised, if it was neither typed nor a ``TypeError``."""
+    """Case ``number``: how many of its calls returned a value, in tenths. Raises what a call raised, if it was neither typed nor a
+    ``TypeError``.
+    """
     rng = np.random.default_rng([int(context["seed"]), number])
     values = 0
     with _quiet_folder():

@@ -57,18 +57,24 @@ class BadNumber:
 
 
 NUMBERS: list[Any] = [
-    0, 1, 2, 3, -1, 5, 60, 400, 0.0, -0.0, 0.01, 0.5, 1.0, -1.0, 1e-3, 1e-300, 5e-324, 1e300, -1e300, 1e9, float("nan"), float("inf"), float("-inf"),
-    2**31, 2**32, 2**63, 2**64, -(2**63) - 1, 10**400, True, False, OddFloat(0.5), OddInt(3), np.float32(0.1), np.float64(1.5), np.int8(3), np.uint64(2**63),
+    0, 1, 2, 3, -1, 5, 60, 400, 0.0, -0.0, 0.01, 0.5, 1.0, -1.0, 1e-3, 1e-300, 5e-324, 1e300, -1e300, 1e9, float("nan"), float("inf"),
+    float("-inf"),
+    2**31, 2**32, 2**63, 2**64, -(2**63) - 1, 10**400, True, False, OddFloat(0.5), OddInt(3), np.float32(0.1), np.float64(1.5), np.int8(3),
+    np.uint64(2**63),
     np.bool_(True), np.array(0.5), np.array([2]), Decimal("0.5"), Fraction(1, 3), 1j, np.longdouble(0.5), np.float16(2.0), BadNumber(),
 ]  # fmt: skip
 TEXTS: list[Any] = [
-    "", "rubber", "wood", "fixed", "inertial", "quasi-static", "left", "right", "local", "half-space", "world", "minimum", "ü\N{SNOWMAN}", "\0", "a" * 10_000,
-    "\ud800", OddText("rubber"), "5000", "127.0.0.1:1", "thumb=0,index=1", "nan", "1", b"rubber", bytearray(b"fr 1\r\n6d 0\r\n"), b"fr 1\r\n6d 0\r\n",
+    "", "rubber", "wood", "fixed", "inertial", "quasi-static", "left", "right", "local", "half-space", "world", "minimum", "ü\N{SNOWMAN}",
+    "\0", "a" * 10_000,
+    "\ud800", OddText("rubber"), "5000", "127.0.0.1:1", "thumb=0,index=1", "nan", "1", b"rubber", bytearray(b"fr 1\r\n6d 0\r\n"),
+    b"fr 1\r\n6d 0\r\n",
     Path("nowhere/at/all"), "no/such/folder/file.h5", ".", "\\", "%s{0}",
 ]  # fmt: skip
 OTHERS: list[Any] = [
-    None, ..., (), [], {}, set(), object(), int, lambda *_: 1, [None], [[]], [1, [2, 3]], ["a", "b"], {"x": 1}, range(3), range(10**12), iter([1, 2, 3]), NotImplemented,
-    slice(None), BadLength(), memoryview(b"abc"), np.datetime64("2020-01-01"), np.array(["a"]), np.array([None, 1.0]), np.ma.masked_array([1.0, 2.0, 3.0], [0, 1, 0]),
+    None, ..., (), [], {}, set(), object(), int, lambda *_: 1, [None], [[]], [1, [2, 3]], ["a", "b"], {"x": 1}, range(3), range(10**12),
+    iter([1, 2, 3]), NotImplemented,
+    slice(None), BadLength(), memoryview(b"abc"), np.datetime64("2020-01-01"), np.array(["a"]), np.array([None, 1.0]),
+    np.ma.masked_array([1.0, 2.0, 3.0], [0, 1, 0]),
     ValueError("x"), complex("nan"),
 ]  # fmt: skip
 SHAPES = [

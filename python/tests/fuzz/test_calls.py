@@ -1,4 +1,6 @@
-"""Random calls of everything public: each ends with a value, a typed error, or a ``TypeError`` for a wrong Python type; none hangs, none takes the process along."""
+"""Random calls of everything public: each ends with a value, a typed error, or a ``TypeError`` for a wrong Python type; none hangs, none
+takes the process along.
+"""
 
 from amount import SEED, cases
 from calls import CALLS

@@ -69,7 +69,8 @@ class Summary:
     def __str__(self) -> str:
         counts = ", ".join(f"{count} {word}" for word, count in self.outcomes.most_common())
         lines = [
-            f"{sum(self.outcomes.values())} cases: {counts}; slowest {self.slowest[0]:.2f} s (case {self.slowest[1]}); {self.cpu:.0f} s of CPU"
+            f"{sum(self.outcomes.values())} cases: {counts}; "
+            f"slowest {self.slowest[0]:.2f} s (case {self.slowest[1]}); {self.cpu:.0f} s of CPU"
         ]
         places: dict[str, list[int]] = {}
         for finding in sorted(self.findings, key=lambda f: f.number):

@@ -1,6 +1,7 @@
 //! From bytes to a [`Packet`]: one function per kind of line.
 //!
-//! Announced counts never size anything: records are pushed one by one as they are found, so a packet costs no more memory than its own length warrants.
+//! Announced counts never size anything: records are pushed one by one as they are found, so a packet costs no more memory than its own
+//! length warrants.
 
 use super::packet::*;
 use super::text::{Cursor, PacketError, PacketErrorKind, Parsed, lines};

@@ -1,7 +1,8 @@
 //! From a [`Packet`] to the bytes that a controller would send: order of lines, digits, CR LF.
 //!
-//! Digits as met in genuine data: positions 3 decimals, rotations 6, quality 3; inside `gl` tips 1, finger rotations 4, radius, lengths and angles 1.
-//! No genuine `6dcov`, `6di`, `6dj` or joystick was at hand: their digits are our choice (covariances with an exponent, 3 decimals elsewhere).
+//! Digits as met in genuine data: positions 3 decimals, rotations 6, quality 3; inside `gl` tips 1, finger rotations 4, radius, lengths and
+//! angles 1. No genuine `6dcov`, `6di`, `6dj` or joystick was at hand: their digits are our choice (covariances with an exponent, 3
+//! decimals elsewhere).
 
 use super::packet::*;
 use crate::Side;

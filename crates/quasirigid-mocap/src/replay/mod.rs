@@ -33,14 +33,14 @@ pub struct ReplayOptions {
     pub rounds: u32,
     /// Port to send from: 50107 as a controller does. If it is taken, or 0, any.
     pub source_port: u16,
-    /// Address of this machine to send from; None is 127.0.0.1 if all targets are there, and else any. Whoever reaches it can greet, and the stream then goes to
-    /// the address that the greeting bears, which may be forged. So only addresses of local networks are served (loopback, private, link-local), no longer than
-    /// `greeter_stays` for a greeting, and at 500 packets per second at most.
+    /// Address of this machine to send from; None is 127.0.0.1 if all targets are there, and else any. Whoever reaches it can greet, and
+    /// the stream then goes to the address that the greeting bears, which may be forged. So only addresses of local networks are served
+    /// (loopback, private, link-local), no longer than `greeter_stays` for a greeting, and at 500 packets per second at most.
     pub bind: Option<Ipv4Addr>,
     /// Send to whoever greets, too.
     pub serve_greeters: bool,
-    /// How long one that greeted is served without greeting again. Nobody says goodbye, so this ends the stream to who has gone, or never asked. Our receivers
-    /// greet every 3 s; one that greets only once has to be named as a target. 10 s by default, a minute at most.
+    /// How long one that greeted is served without greeting again. Nobody says goodbye, so this ends the stream to who has gone, or never
+    /// asked. Our receivers greet every 3 s; one that greets only once has to be named as a target. 10 s by default, a minute at most.
     pub greeter_stays: Duration,
     /// Send each tracked fingertip as a body of `6d` as well.
     pub bodies: bool,
@@ -71,8 +71,8 @@ impl Replay {
     /// Starts to send to the targets (a multicast group is one, too). Without targets it waits for the first greeting.
     ///
     /// # Errors
-    /// [`Error::InvalidValue`] for an empty take, a speed outside 0.01 to 100, nobody to send to, or more bodies than the format has ids for;
-    /// [`Error::Network`] without a usable socket.
+    /// [`Error::InvalidValue`] for an empty take, a speed outside 0.01 to 100, nobody to send to, or more bodies than the format has ids
+    /// for; [`Error::Network`] without a usable socket.
     pub fn start(take: &Take, targets: &[SocketAddr], options: &ReplayOptions) -> Result<Self> {
         check_within("speed", options.speed, 0.01, 100.0, "times real time")?;
         if take.packets.is_empty() {

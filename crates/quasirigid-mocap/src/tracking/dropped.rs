@@ -5,7 +5,8 @@ use super::gate::Fault;
 /// Frames that are remembered, so that one is counted once and can be taken off again: half a second at 1000 Hz.
 const REMEMBERED: usize = 512;
 
-/// What a [`super::HandTracker`] did not believe so far: fast motion that was confirmed, and jumps that were believed at last, are not in it.
+/// What a [`super::HandTracker`] did not believe so far: fast motion that was confirmed, and jumps that were believed at last, are not in
+/// it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Dropped {
     /// Frames of which at least one pose was dropped.

@@ -1,21 +1,23 @@
 //! Which measured poses are believed: [`Gate`], one for each part of a hand.
 //!
-//! A pose is **plausible** if the part can have come there since it was last seen: within the top speed of a hand, and within what its acceleration
-//! can change on a motion that went on, or stopped, as it was. A pose that is not is a **suspect** and is not shown. What comes of suspects:
+//! A pose is **plausible** if the part can have come there since it was last seen: within the top speed of a hand, and within what its
+//! acceleration can change on a motion that went on, or stopped, as it was. A pose that is not is a **suspect** and is not shown. What
+//! comes of suspects:
 //!
 //! - The next pose is plausible again, and nearer to the motion before than to the suspects: they were bad frames, and are dropped.
-//! - Two suspects in a row move as a hand does that was quicker than expected (the mean of the speeds before and after explains the way between): they
-//!   were a fast motion, and count from now on.
-//! - Four of them or more agree with each other for a tenth of a second: the part really is elsewhere (the tracker was started again, a room was
-//!   recentred). The motion before is forgotten, and what is shown glides there. Fingers that are exchanged, or have their nail where the pad was, are
-//!   what trackers get wrong and hands cannot do: they are believed after half a second only.
+//! - Two suspects in a row move as a hand does that was quicker than expected (the mean of the speeds before and after explains the way
+//!   between): they were a fast motion, and count from now on.
+//! - Four of them or more agree with each other for a tenth of a second: the part really is elsewhere (the tracker was started again, a
+//!   room was recentred). The motion before is forgotten, and what is shown glides there. Fingers that are exchanged, or have their nail
+//!   where the pad was, are what trackers get wrong and hands cannot do: they are believed after half a second only.
 //!
-//! A suspect that agrees with those before it is judged with them, and not by the time since the part was last believed: with that time the reach
-//! of a hand grows, and three bad frames in a row would let the third one in.
+//! A suspect that agrees with those before it is judged with them, and not by the time since the part was last believed: with that time the
+//! reach of a hand grows, and three bad frames in a row would let the third one in.
 //!
-//! **How fast hands are.** A point-to-point motion of minimum jerk over D in T has a peak speed of 15/8 D/T and a peak acceleration of 5.77 D/T^2
-//! (Flash and Hogan 1985): reaching 0.6 m in 0.25 s, as fast as people do, is 4.5 m/s and 55 m/s^2; a pinch of 50 mm in 0.1 s (the fastest of Darling,
-//! Cole and Abbs 1988) 0.9 m/s and 29 m/s^2. A finger that is snapped turns at 136 rad/s (Acharya et al. 2021) and is not followed by these limits.
+//! **How fast hands are.** A point-to-point motion of minimum jerk over D in T has a peak speed of 15/8 D/T and a peak acceleration of 5.77
+//! D/T^2 (Flash and Hogan 1985): reaching 0.6 m in 0.25 s, as fast as people do, is 4.5 m/s and 55 m/s^2; a pinch of 50 mm in 0.1 s (the
+//! fastest of Darling, Cole and Abbs 1988) 0.9 m/s and 29 m/s^2. A finger that is snapped turns at 136 rad/s (Acharya et al. 2021) and is
+//! not followed by these limits.
 
 use super::track::Track;
 use crate::{Pose, Vec3};
@@ -125,8 +127,8 @@ impl Gate {
 
     /// Judges a pose of the time `time`, s, against the poses that were believed.
     ///
-    /// `with_hand`: where it would be if it had moved as one body with the part that it was last seen together with, if that part is believed. Fingers
-    /// that were lost for long are expected there, too. `exchanged`: the pose was found to be that of another finger.
+    /// `with_hand`: where it would be if it had moved as one body with the part that it was last seen together with, if that part is
+    /// believed. Fingers that were lost for long are expected there, too. `exchanged`: the pose was found to be that of another finger.
     pub fn judge(&mut self, believed: &Track, time: f64, pose: &Pose, with_hand: Option<&Pose>, exchanged: bool) -> Verdict {
         let Some(newest) = believed.newest() else { return Verdict::Believe };
         if time <= newest {
@@ -218,7 +220,8 @@ impl Gate {
         }
     }
 
-    /// Whether a pose that was overtaken lies between those before and after it: of a motion of acceleration a, no farther than a h^2/8 from the chord.
+    /// Whether a pose that was overtaken lies between those before and after it: of a motion of acceleration a, no farther than a h^2/8
+    /// from the chord.
     fn fits_between(&self, motion: &Track, time: f64, pose: &Pose) -> bool {
         // Older than all: it is for the track to say whether it is of use. After the newest: the same pose again.
         let [Some((t0, a)), Some((t1, b))] = motion.around(time) else { return true };
@@ -229,8 +232,8 @@ impl Gate {
         off <= NOISE.0 + LARGEST_ACCELERATION * span * span / 8.0 && turn <= (NOISE.1 + self.top.angular * span).min(LARGEST_TURN)
     }
 
-    /// Whether the first two suspects go on from the last two poses that were believed: with the speeds u before and w after a step of dt, a hand of
-    /// constant acceleration has come by (u + w)/2 dt, and one whose acceleration changes by a at most, by a dt^2/4 more or less.
+    /// Whether the first two suspects go on from the last two poses that were believed: with the speeds u before and w after a step of dt,
+    /// a hand of constant acceleration has come by (u + w)/2 dt, and one whose acceleration changes by a at most, by a dt^2/4 more or less.
     fn is_fast_motion(&self, believed: &Track) -> bool {
         let ([Some((s0, q0)), Some((s1, q1))], [Some((t0, p0)), Some((t1, p1))]) = (self.suspects.first_two(), believed.last_two()) else {
             return false;
@@ -263,8 +266,8 @@ fn share_along(way: &Vec3, whole: &Vec3) -> f64 {
     if square > 0.0 { (way.dot(whole) / square).clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// Whether two fingers are at each other's place: `expected` and `measured` of both. That they are a quarter as far from there as from their own, and far
-/// from their own by more than noise, tells exchanged markers even of fingers that are close together.
+/// Whether two fingers are at each other's place: `expected` and `measured` of both. That they are a quarter as far from there as from
+/// their own, and far from their own by more than noise, tells exchanged markers even of fingers that are close together.
 pub(super) fn are_exchanged(expected: [&Pose; 2], measured: [&Pose; 2]) -> bool {
     /// Nearer than this, m, fingers cannot be told apart.
     const APART: f64 = 0.012;

@@ -1,19 +1,20 @@
 //! From frames that come as they come to poses for every step: [`HandTracker`].
 //!
-//! **Time.** Frames are put in the order of their own times, so late ones, duplicates and jitter do no harm. The hand is shown a little in the past
-//! ([`Delay`]): by default one period of the tracker plus the lateness of 95 of 100 packets, at most 0.1 s. There, poses are interpolated. Where the next
-//! frame is missing, the motion runs on and comes to rest. When it comes after all, the difference is not jumped but fades away
-//! ([`TrackingOptions::catch`]), by 0.5 m/s and 3 rad/s at most. The result is continuous for any sequence of frames, also after a time in which nobody
-//! asked for it.
+//! **Time.** Frames are put in the order of their own times, so late ones, duplicates and jitter do no harm. The hand is shown a little in
+//! the past ([`Delay`]): by default one period of the tracker plus the lateness of 95 of 100 packets, at most 0.1 s. There, poses are
+//! interpolated. Where the next frame is missing, the motion runs on and comes to rest. When it comes after all, the difference is not
+//! jumped but fades away ([`TrackingOptions::catch`]), by 0.5 m/s and 3 rad/s at most. The result is continuous for any sequence of frames,
+//! also after a time in which nobody asked for it.
 //!
-//! **Loss.** What is not seen any more keeps its place relative to the palm if that is seen, else to another finger that is, else in the room.
-//! Its weight stays 1 for [`TrackingOptions::hold`] and then goes to 0 within [`TrackingOptions::fade`]. When it is seen again, the pose glides to it and
-//! the weight rises. A spring to a target should be scaled by the weight. What was away for a frame or some, and has gone on meanwhile as before, is shown as
-//! if it had been seen; elsewhere than that it glides, as after a longer loss. A frame that never came says nothing about what was seen.
+//! **Loss.** What is not seen any more keeps its place relative to the palm if that is seen, else to another finger that is, else in the
+//! room. Its weight stays 1 for [`TrackingOptions::hold`] and then goes to 0 within [`TrackingOptions::fade`]. When it is seen again, the
+//! pose glides to it and the weight rises. A spring to a target should be scaled by the weight. What was away for a frame or some, and has
+//! gone on meanwhile as before, is shown as if it had been seen; elsewhere than that it glides, as after a longer loss. A frame that never
+//! came says nothing about what was seen.
 //!
-//! **Bad frames.** A pose that no hand can have come to since the last one is dropped, as are those of fingers that were taken for each other
-//! and of one whose nail is where the pad was (the module `gate` has the rules). The part is then not seen in that frame. [`HandTracker::dropped`] counts
-//! them. If it lasts, it is believed, and glided to as after a loss.
+//! **Bad frames.** A pose that no hand can have come to since the last one is dropped, as are those of fingers that were taken for each
+//! other and of one whose nail is where the pad was (the module `gate` has the rules). The part is then not seen in that frame.
+//! [`HandTracker::dropped`] counts them. If it lasts, it is believed, and glided to as after a loss.
 
 mod clock;
 mod dropped;
@@ -113,8 +114,8 @@ impl HandTracker {
     /// Takes a frame; it counts from the next [`HandTracker::sample`] on.
     ///
     /// # Errors
-    /// [`Error::InvalidValue`] for a frame of the other hand, or with numbers that are not finite, a pad radius over 0.1 m or a time beyond 1e12 s. Such a
-    /// frame changes nothing.
+    /// [`Error::InvalidValue`] for a frame of the other hand, or with numbers that are not finite, a pad radius over 0.1 m or a time beyond
+    /// 1e12 s. Such a frame changes nothing.
     pub fn push(&mut self, frame: &HandFrame) -> Result<()> {
         if frame.side != self.side {
             return Err(Error::value("side", self.side.name(), frame.side.name(), "use one tracker for each hand"));
@@ -128,8 +129,8 @@ impl HandTracker {
         Ok(())
     }
 
-    /// The hand at the own time `now`, s, on the clock of the arrivals. To be asked with times that do not fall back, at 10 Hz or more: from one sample to
-    /// the next no more is made up for than in 0.1 s. None before the first frame.
+    /// The hand at the own time `now`, s, on the clock of the arrivals. To be asked with times that do not fall back, at 10 Hz or more:
+    /// from one sample to the next no more is made up for than in 0.1 s. None before the first frame.
     pub fn sample(&mut self, now: f64) -> Option<HandTargets> {
         let (last_shown, last_now) = self.shown.map_or((None, now), |(shown, at)| (Some(shown), at));
         let dt = if now.is_finite() { (now - last_now).max(0.0) } else { 0.0 };
@@ -207,7 +208,8 @@ impl HandTracker {
         restarted
     }
 
-    /// Counts frames that are older than the newest one. Whether there are so many, for so long, that none of the tracker's clock as it was can be expected.
+    /// Counts frames that are older than the newest one. Whether there are so many, for so long, that none of the tracker's clock as it was
+    /// can be expected.
     fn is_set_back(&mut self, frame: &HandFrame) -> bool {
         let (count, last) = &mut self.stale;
         if frame.time > self.newest.0 {

@@ -16,12 +16,13 @@ pub enum Delay {
 pub struct TrackingOptions {
     /// How far in the past the hand is shown.
     pub delay: Delay,
-    /// How long something that is not seen keeps its full weight: from the first frame without it, or, if no frames come, from the time when two of them
-    /// are missing. Longer bridges longer losses, shorter lets go sooner.
+    /// How long something that is not seen keeps its full weight: from the first frame without it, or, if no frames come, from the time
+    /// when two of them are missing. Longer bridges longer losses, shorter lets go sooner.
     pub hold: f64,
     /// How long the weight then takes to 0.
     pub fade: f64,
-    /// Time constant with which a pose glides to where it should be, and the time that the weight takes to 1. Shorter catches up sooner and jerks more.
+    /// Time constant with which a pose glides to where it should be, and the time that the weight takes to 1. Shorter catches up sooner and
+    /// jerks more.
     pub catch: f64,
 }
 
@@ -33,7 +34,8 @@ impl Default for TrackingOptions {
 
 impl TrackingOptions {
     /// # Errors
-    /// [`crate::Error::InvalidValue`] for times that are not finite, negative, or of no use: more than a minute, a delay over 1 s, `catch` under 1 ms.
+    /// [`crate::Error::InvalidValue`] for times that are not finite, negative, or of no use: more than a minute, a delay over 1 s, `catch`
+    /// under 1 ms.
     pub fn check(&self) -> Result<()> {
         if let Delay::Fixed(delay) = self.delay {
             check_within("delay", delay, 0.0, 1.0, "s")?;

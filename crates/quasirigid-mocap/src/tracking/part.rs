@@ -151,8 +151,8 @@ impl Part {
     }
 }
 
-/// Whether a part that was unseen for `gap` s, at `predicted` if it had gone on as before, may have gone straight to `found`: it is then shown within half of
-/// [`FASTEST`] of how it moved, and the other half is left for what fades.
+/// Whether a part that was unseen for `gap` s, at `predicted` if it had gone on as before, may have gone straight to `found`: it is then
+/// shown within half of [`FASTEST`] of how it moved, and the other half is left for what fades.
 fn plausible(gap: f64, predicted: &Pose, found: &Pose) -> bool {
     let most = 0.5 * gap.max(SHORTEST);
     let apart = (found.translation.vector - predicted.translation.vector).norm();
@@ -164,7 +164,8 @@ fn share_per_second(size: f64, catch: f64, fastest: f64) -> f64 {
     (1.0 / catch).min(fastest / size.max(1e-12))
 }
 
-/// What is left after `dt` of a difference that fades as [`share_per_second`] says: straight down to `fastest * catch`, and then exponentially.
+/// What is left after `dt` of a difference that fades as [`share_per_second`] says: straight down to `fastest * catch`, and then
+/// exponentially.
 fn kept(size: f64, dt: f64, catch: f64, fastest: f64) -> f64 {
     let straight = ((size - fastest * catch) / fastest).max(0.0).min(dt);
     (1.0 - fastest * straight / size.max(1e-12)) * (-(dt - straight) / catch).exp()

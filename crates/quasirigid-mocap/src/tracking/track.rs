@@ -87,8 +87,8 @@ impl Track {
         self.since = f64::NEG_INFINITY;
     }
 
-    /// Forgets what was before `time` unless the motion may have gone on over it: `plausible` is told the time between the poses on both sides, where
-    /// the first would have gone, and the second. Whether it forgot.
+    /// Forgets what was before `time` unless the motion may have gone on over it: `plausible` is told the time between the poses on both
+    /// sides, where the first would have gone, and the second. Whether it forgot.
     pub fn split(&mut self, time: f64, plausible: impl Fn(f64, &Pose, &Pose) -> bool) -> bool {
         let place = self.samples.partition_point(|&(t, _)| t < time);
         if place == 0 || place == self.samples.len() {
@@ -170,7 +170,8 @@ impl Track {
         self.samples.back().map(|&(time, _)| time)
     }
 
-    /// Where it was at `time`: between two poses by interpolation; after the newest one it runs on and comes to rest, with the time constant `run_on` (s).
+    /// Where it was at `time`: between two poses by interpolation; after the newest one it runs on and comes to rest, with the time
+    /// constant `run_on` (s).
     pub fn at(&self, time: f64, run_on: f64) -> Option<Motion> {
         let (&(first, earliest), &(last, latest)) = (self.samples.front()?, self.samples.back()?);
         if time >= last {
@@ -191,7 +192,8 @@ impl Track {
         Some(Motion { pose: between(&a, &b, (time - t0) / (t1 - t0)), linear, angular })
     }
 
-    /// Least-squares slope of the positions, and the mean turn, within a window about `time`; of the two nearest poses if there are no more.
+    /// Least-squares slope of the positions, and the mean turn, within a window about `time`; of the two nearest poses if there are no
+    /// more.
     fn velocity(&self, time: f64) -> (Vec3, Vec3) {
         let count = self.samples.len();
         if count < 2 {

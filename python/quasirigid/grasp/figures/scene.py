@@ -26,12 +26,13 @@ from quasirigid.grasp.figures.scene_data import Shot, pressure_on, read_shot
 from quasirigid.recording.reader import Recording
 from quasirigid.render.camera import Camera
 from quasirigid.render.ground import CELL, GRID, compose, floor_lines, soft_shadow, tinted, view_of
-from quasirigid.render.layer import Layer, halved, shade
-from quasirigid.render.splats import directions, edge_planes, splat, tube
+from quasirigid.render.layer import halved, shade
+from quasirigid.render.posed import Part, joined
 from quasirigid.rotation import rotate
-from quasirigid.scene.meshes import spacing_of
+from quasirigid.scene.meshes import Mesh, tapered_capsule, triangulate
 from quasirigid.scene.palette import BONE, FINGER_COLOURS, GLASS, INK, LINK_RADII, MUTED, NAIL, PALM, SLIP_COLOUR
 from quasirigid.scene.pressure import SLIP, pad_colours
+from quasirigid.scene.sharp_edges import divided, sharpened
 from quasirigid.units import force_words, in_small_units, mass_words, plain, pressure_unit, short_name
 
 WIDTH, HEIGHT, DPI = 1200, 800, 150
@@ -41,44 +42,49 @@ SCENE = (0, 0, 745, 745)
 """Place of the scene in the picture: left, bottom, width, height, px."""
 CLOSE = (812, 312, 360, 360)
 """Place of the close-up."""
+ROUND = 48
+"""Sides of a link: round, however large the picture is looked at."""
+INSIDE, OVERLAP = 0.995, 0.2
+"""A nail is so much smaller than the ellipsoid of its fingertip, and reaches under the pad up to this share of its height."""
 LETTER, CAPTION = 11.6, 68
 """Width of a letter and height of the three lines beside a finger, px."""
 HALO: list[patheffects.AbstractPathEffect] = [patheffects.withStroke(linewidth=3.0, foreground="white")]
 
 
-Part = tuple[AnyArray, AnyArray, AnyArray]
-"""Points and normals (n, 3), world, and colours (n, 4)."""
+def _part(mesh: Mesh, colour: AnyArray | tuple[float, ...]) -> Part:
+    """A mesh in world axes in one colour (3,), or in that of every point (n, 4)."""
+    points, normals, faces = mesh
+    colour = np.asarray(colour, float)
+    return Part(points, normals, np.tile([*colour, 0.0], (len(points), 1)) if colour.ndim == 1 else colour, faces)
 
 
 def _tip(shot: Shot, finger: int) -> list[Part]:
     """A fingertip: its pad as deformed, coloured by pressure, on a nail that does not deform: the other half of the ellipsoid."""
     points, normals = (shot.scene[f"tips/{name}"][finger].astype(float) for name in ("points", "normals"))
     axes, pose = shot.scene["tips/semi_axes"], shot.scene["tips/pose"][finger]
-    unit = directions(5000)
-    unit = unit[unit[:, 2] < 0.05]
-    back = pose[:3] + rotate(pose[3:], unit * axes - np.array([0.0, 0.0, axes[2]]))
+    unit, _, around = tapered_capsule(np.zeros(3), np.zeros(3), 1.0, 1.0, around=ROUND, caps=ROUND // 2)
+    back = pose[:3] + rotate(pose[3:], INSIDE * unit * axes - np.array([0.0, 0.0, axes[2]]))
     outward = rotate(pose[3:], unit / axes)
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    return [
-        (points, normals, pad_colours(pressure_on(points, shot, finger), shot.peak)),
-        (back, outward, np.tile([*NAIL, 0.0], (len(back), 1))),
-    ]
+    nail = back, outward, around[unit[around, 2].max(axis=1) < OVERLAP]
+    # Pressure has its colour at the vertices: so many that the rim of a patch is no row of triangles.
+    pad = divided(*divided(points, normals, triangulate(points, normals)))
+    return [_part(pad, pad_colours(pressure_on(pad[0], shot, finger), shot.peak)), _part(nail, NAIL)]
 
 
-def _links(shot: Shot, spacing: float) -> list[Part]:
+def _links(shot: Shot) -> list[Part]:
     """Palm, links and joints; the joints in the colour of their finger."""
     parts: list[Part] = []
     palm, links = shot.scene["hand/pose"], shot.scene["hand/link_poses"]
     z = np.array([0.0, 0.0, 1.0])
 
     def add(a: AnyArray, b: AnyArray, start: float, end: float, colour: tuple[float, ...]) -> None:
-        points, normals = tube(a, b, start, end, spacing)
-        parts.append((points, normals, np.tile([*colour, 0.0], (len(points), 1))))
+        parts.append(_part(tapered_capsule(a, b, start, end, around=ROUND, caps=ROUND // 4), colour))
 
     for f in range(len(shot.fingers)):
         tip = shot.scene["tips/pose"][f]
         chain = [*links[f, 1:, :3], tip[:3] - shot.scene["tips/semi_axes"][2] * rotate(tip[3:], z)]
-        add(palm[:3], chain[0], 0.0115, LINK_RADII[0], PALM)
+        add(palm[:3], chain[0], 0.0115, 0.9 * LINK_RADII[0], PALM)
         own = to_rgb(FINGER_COLOURS[f % 6])
         for i, (a, b) in enumerate(itertools.pairwise(chain)):
             radius = LINK_RADII[min(i, 3)], LINK_RADII[min(i + 1, 3)]
@@ -89,24 +95,24 @@ def _links(shot: Shot, spacing: float) -> list[Part]:
     return parts
 
 
-def _draw(camera: Camera, parts: list[Part], radius: float) -> Layer:
-    points, normals, colours = (np.concatenate([part[i] for part in parts]) for i in range(3))
-    return splat(camera, points, normals, colours, radius)
+def _covered(parts: list[Part], middle: AnyArray, reach: float) -> AnyArray:
+    """Which cells of the floor are straight under some of the ``parts``, as ``soft_shadow`` has them."""
+    cells = int(2 * reach / CELL)
+    above = Camera(np.eye(3), np.array([*middle[:2], 0.0]), 1.0 / CELL, (cells, cells))
+    # Rows of a picture run down, against the world's y.
+    covered: AnyArray = joined(parts).drawn_by(above).drawn[::-1].T.astype(float)
+    return covered
 
 
-def _ground(camera: Camera, z: float, shadows: list[tuple[AnyArray, float]], middle: AnyArray, reach: float) -> AnyArray:
+def _ground(camera: Camera, z: float, shadows: list[tuple[list[Part], float]], middle: AnyArray, reach: float) -> AnyArray:
     """The floor (height, width, 3): a grid that fades out at ``reach`` m from the ``middle``, and soft shadows from straight above
-    of ``shadows``: points and how dark they make it.
+    of ``shadows``: parts and how dark they make it.
     """
     x, y, _ = camera.plane(z)
-    cells = int(2 * reach / CELL)
     dark = np.zeros(x.shape)
-    for points, strength in shadows:
-        where = ((points[:, :2] - middle[:2] + reach) / CELL).astype(int)
-        where = where[((where >= 0) & (where < cells)).all(axis=1)]
-        covered = np.zeros((cells, cells))
-        covered[where[:, 0], where[:, 1]] = 1.0
-        dark = np.maximum(dark, strength * soft_shadow(covered, x - middle[0], y - middle[1], reach))
+    for parts, strength in shadows:
+        shadow = soft_shadow(_covered(parts, middle, reach), x - middle[0], y - middle[1], reach)
+        dark = np.maximum(dark, strength * shadow)
     return tinted((1.0 - 0.13 * floor_lines(x, y, middle, reach)) * (1.0 - dark))
 
 
@@ -172,20 +178,13 @@ def _draw_scene(axes: Axes, shot: Shot) -> None:
     tall = np.ptp(points[:, 2])
     floor = points[:, 2].min() - max(0.012, 0.16 * tall)
     camera = _camera(shot, floor)
-    fine = 7e-4
-    parts = _links(shot, fine)
-    links = np.concatenate([points for points, _, _ in parts])
-    for f in range(len(shot.fingers)):
-        parts += _tip(shot, f)
-    solid = _draw(camera, parts, 1.45 * fine)
-    wide = 1.9 * spacing_of(points)
-    glass = np.array([*GLASS, 0.0])
-    edges = edge_planes(points, normals, wide)
-    walls = [splat(camera, points, sign * normals, glass, wide, edges) for sign in (-1.0, 1.0)]
+    links = _links(shot)
+    tips = [part for f in range(len(shot.fingers)) for part in _tip(shot, f)]
+    solid = joined(links + tips).drawn_by(camera)
+    glass = _part(sharpened(points, normals, triangulate(points, normals)), GLASS)
+    walls = [glass.drawn_by(camera, back=True), glass.drawn_by(camera)]
     middle = np.array([*points[:, :2].mean(axis=0), 0.0])
-    tips = shot.scene["tips/points"].reshape(-1, 3)
-    shadows = [(points, 0.20), (np.concatenate([links, tips]), 0.11)]
-    background = _ground(camera, floor, shadows, middle, 0.125)
+    background = _ground(camera, floor, [([glass], 0.20), (links + tips, 0.11)], middle, 0.125)
     image = halved(compose(background, solid, walls, camera.scale), FINE)
     axes.imshow(image, extent=(0, SCENE[2], 0, SCENE[3]), interpolation="none", aspect="auto")
     axes.set(xlim=(0, SCENE[2]), ylim=(0, SCENE[3]))
@@ -221,7 +220,7 @@ def _draw_scene(axes: Axes, shot: Shot) -> None:
         below = foot
     text = axes.text(below[0], below[1] - 5, f"weight {force_words(weight)}", fontsize=9, color=INK, ha="center", va="top")
     text.set_path_effects(HALO)
-    _name(axes, names, at(links))
+    _name(axes, names, at(np.concatenate([part.points for part in links])))
     _scale_bar(axes, camera.scale / FINE)
 
 
@@ -238,6 +237,8 @@ def _name(axes: Axes, names: list[tuple[AnyArray, str, str]], links: AnyArray) -
             style: dict[str, Any] = {"ha": "left" if right else "right", "va": "center", "linespacing": 1.15}
             words = axes.text(x, y, text, color=colour, fontsize=9, fontweight="bold", parse_math=False, **style)
             words.set_path_effects(HALO)
+            box = words.get_window_extent()
+            words.set_x(x - max(box.x1 - SCENE[2], 0.0) - min(box.x0, 0.0))  # what would end beyond the scene comes nearer
 
 
 def _scale_bar(axes: Axes, scale: float) -> None:
@@ -261,7 +262,7 @@ def _draw_patch(figure: Figure, shot: Shot, finger: int) -> None:
     back = np.cross(plane[:, 0], plane[:, 1])
     size = (FINE * CLOSE[2], FINE * CLOSE[3])
     camera = Camera.towards(back, plane[:, 1], centre, size[0] / (2e-3 * radius), size)
-    pad = _draw(camera, _tip(shot, finger), 1.8 * spacing_of(shot.scene["tips/points"][finger]))
+    pad = joined(_tip(shot, finger)).drawn_by(camera)
     image = np.where(pad.drawn[..., None], shade(pad, camera.scale, gloss=0.0), 1.0)
     axes.imshow(halved(image, FINE), extent=(-radius, radius, -radius, radius), interpolation="none")
     friction, longest = along @ plane, max(float(np.linalg.norm(along, axis=1).max()), 1e-12)

@@ -1,10 +1,11 @@
 """From the 25 joints of a WebXR hand to a ``HandFrame``.
 
-WebXR (WebXR Hand Input Module, https://www.w3.org/TR/webxr-hand-input-1/): metres, y up. Every joint has -z along its bone towards the tip, +y out
-of the back of the hand, +x to the right of both; same for both hands. A tip joint lies inside the fingertip, its radius below the skin.
+WebXR (WebXR Hand Input Module, https://www.w3.org/TR/webxr-hand-input-1/): metres, y up. Every joint has -z along its bone towards the tip,
++y out of the back of the hand, +x to the right of both; same for both hands. A tip joint lies inside the fingertip, its radius below the
+skin.
 
-Ours (``HandFrame``): +x along the outstretched finger, +z out of the nail. So x = -z, y = -x, z = +y of the joint, which is also how the room
-(y up, user looking along -z) maps to the world (z up, user looking along +x).
+Ours (``HandFrame``): +x along the outstretched finger, +z out of the nail. So x = -z, y = -x, z = +y of the joint, which is also how the
+room (y up, user looking along -z) maps to the world (z up, user looking along +x).
 """
 
 from __future__ import annotations
@@ -64,7 +65,8 @@ def hand_frame(side: Side, joints: FloatArray, *, time: float, arrival: float) -
 
 
 def _palm_turn(side: Side, places: FloatArray) -> FloatArray | None:
-    """Quaternion of the palm frame: z normal to wrist, index and little knuckle, out of the back; x along the hand, wrist to middle knuckle.
+    """Quaternion of the palm frame: z normal to wrist, index and little knuckle, out of the back; x along the hand, wrist to middle
+    knuckle.
 
     Knuckles and wrist move little against each other, whatever the fingers do; the orientation of a phalanx would bend with its finger.
     """

@@ -21,7 +21,8 @@ AHEAD, BELOW = 0.38, 0.42
 
 @dataclass(frozen=True)
 class Placement:
-    """The world's origin in the room (m, y up, ``local-floor``), and the way its user looks, rad about the vertical, 0 is along -z of the room.
+    """The world's origin in the room (m, y up, ``local-floor``), and the way its user looks, rad about the vertical, 0 is along -z of the
+    room.
 
     World x points away from the user, y to the left, z up.
     """

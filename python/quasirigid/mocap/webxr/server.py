@@ -37,7 +37,8 @@ STATES = 40.0
 CLIENTS = 8
 """Pages that may be open at the same time."""
 SILENT = 1.0
-"""Another page may take over from one that has sent no hands for so long, s: a headset that was taken off, or that fell out of the network."""
+"""Another page may take over from one that has sent no hands for so long, s: a headset that was taken off, or that fell out of the network.
+"""
 ASKED_EVERY, ANSWER_WITHIN = 4.0, 6.0
 """How often a page is asked whether it is still there, and how long it may take, s."""
 WAITING = 2_000
@@ -48,7 +49,8 @@ LOST = np.full((len(JOINTS), 8), np.nan)
 class XrServer:
     """A source of hands (``quasirigid.mocap.source.Source``) and a viewer. Methods may be called from any thread.
 
-    The first page that sends hands is the one that is listened to, until it goes or falls silent. Poses come out in the world, by the placement.
+    The first page that sends hands is the one that is listened to, until it goes or falls silent. Poses come out in the world, by the
+    placement.
     """
 
     real_time = True
@@ -64,7 +66,8 @@ class XrServer:
         key: Path | None = None,
         allow_origins: Sequence[str] = (),
     ) -> None:
-        """Listen on ``port`` (0: any free one) of the address ``host``, with TLS if there is a ``certificate`` (PEM; ``key`` if it is not in there).
+        """Listen on ``port`` (0: any free one) of the address ``host``, with TLS if there is a ``certificate`` (PEM; ``key`` if it is not
+        in there).
 
         ``allow_origins`` as of ``quasirigid.net.access.Access``: pages that may use it beside its own.
 
@@ -122,7 +125,9 @@ class XrServer:
             time.sleep(left)
 
     def take(self) -> Sequence[HandFrame]:
-        """The frames of the chosen hand that have arrived since the last call, world. Where only the other hand was seen, its frames come, too."""
+        """The frames of the chosen hand that have arrived since the last call, world. Where only the other hand was seen, its frames come,
+        too.
+        """
         with self._lock:
             frames, self._frames = self._frames, []
         return frames
@@ -132,7 +137,9 @@ class XrServer:
         return False
 
     def statistics(self) -> dict[str, Any]:
-        """Messages: ``packets`` with hands, ``malformed`` ones, those ``refused`` since another page is listened to, ``lost`` for want of takers."""
+        """Messages: ``packets`` with hands, ``malformed`` ones, those ``refused`` since another page is listened to, ``lost`` for want of
+        takers.
+        """
         with self._lock:
             return dict(self._counts)
 

@@ -116,14 +116,16 @@ class SceneWire:
         return np.rint(255.0 * np.clip(share, 0.0, 1.0)).astype(np.uint8)
 
     def _forces(self, state: SceneState) -> dict[str, npt.NDArray[Any]]:
-        """Arrows from pads into what they touch: ``contacts`` (c, 6) with their ``status`` (c,), and ``sums`` (fingers, 6): point m, force N, world."""
+        """Arrows from pads into what they touch: ``contacts`` (c, 6) with their ``status`` (c,), and ``sums`` (fingers, 6): point m, force
+        N, world.
+        """
         c = state.contacts
-        on_tip, by_tip = np.isin(c.body_a, self._tips), np.isin(c.body_b, self._tips)
+        on_tip, by_tip = np.isin(c.collider_a, self._tips), np.isin(c.collider_b, self._tips)
         mine = (on_tip | by_tip) & (c.reactions[:, 0] > LOADED)
         forces = np.where(on_tip, -1.0, 1.0)[mine, None] * c.forces[mine]
         sums = np.zeros((len(self._tips), 6))
         for finger, tip in enumerate(self._tips):
-            press = c.reactions[:, 0] * ((c.body_a == tip) | (c.body_b == tip))
+            press = c.reactions[:, 0] * c.on(tip)
             if press.sum() > LOADED:
                 sums[finger, :3] = press @ c.points / press.sum()
                 sums[finger, 3:] = state.finger_forces[finger]

@@ -250,7 +250,8 @@ async function offer() {
   }
   const any = offered.vr || offered.ar;
   if (any) $('device').textContent = 'Headset found. Put the controllers down and show your hands.';
-  else if (!isSecureContext) $('device').textContent = 'WebXR needs https (start the program with --certificate FILE), or localhost through a USB port forward (adb reverse).';
+  else if (!isSecureContext) $('device').textContent =
+    'WebXR needs https (start the program with --certificate FILE), or localhost through a USB port forward (adb reverse).';
   else $('device').textContent = 'No WebXR device here: this page only shows the scene. Drag to turn, scroll to come nearer.';
 }
 $('recentre').onclick = recentre;

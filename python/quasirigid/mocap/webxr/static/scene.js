@@ -96,7 +96,8 @@ export class WorldDrawing {
   }
 }
 
-/** A body's mesh. Those that press have a colour at each point; those that are taken are see-through, so that one sees what presses on them. */
+/** A body's mesh. Those that press have a colour at each point;
+ * those that are taken are see-through, so that one sees what presses on them. */
 function solid(body, points, normals, faces) {
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute('position', new THREE.BufferAttribute(points, 3).setUsage(THREE.DynamicDrawUsage));

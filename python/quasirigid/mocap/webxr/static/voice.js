@@ -1,4 +1,5 @@
-// A word that is spoken, for who has both hands in the scene. Only where the browser recognises speech by itself: what is said leaves no machine.
+// A word that is spoken, for who has both hands in the scene.
+// Only where the browser recognises speech by itself: what is said leaves no machine.
 
 const LANGUAGE = 'en-US';
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from quasirigid._quasirigid import Body, StepReport, World
 from quasirigid.errors import InvalidValueError
-from quasirigid.recording.scene import DEFORMATION_RATE, SceneRecorder
+from quasirigid.recording.scene_recorder import DEFORMATION_RATE, SceneRecorder
 from quasirigid.scene.world import WorldScene
 
 
@@ -38,13 +38,13 @@ class WorldRecorder:
     def append(self, report: StepReport | None = None, *, phase: str = "") -> None:
         """Record the world as it is now, after a step; call it once per step, or now and then.
 
-        ``report`` is what the step returned: its figures are recorded too. ``phase`` says in a word or two, of 64 bytes at most, what is going on.
-        Raises ``InvalidValueError`` if the phase is longer, or if bodies came or went since the recording began: a recording has the same ones from
-        start to end.
+        ``report`` is what the step returned: its figures are recorded too. ``phase`` says in a word or two, of 64 bytes at most, what is
+        going on. Raises ``InvalidValueError`` if the phase is longer, or if bodies or colliders came or went since the recording began: a
+        recording has the same ones from start to end.
         """
         if not self._scene.unchanged():
-            hint = "close this recording and begin another after adding or removing bodies"
-            raise InvalidValueError("world", "the bodies that it had when the recording began", "others", hint)
+            hint = "close this recording and begin another after adding or removing some"
+            raise InvalidValueError("world", "the bodies and colliders that it had when the recording began", "others", hint)
         state = self._scene.state(report, phase, moved=self._recorder.wants_deformation(self._scene.world.time))
         self._recorder.append(state, None, report)
 
@@ -83,10 +83,11 @@ def record(
     ...         recording.append(world.step())
 
     Call it when all bodies are in the world. Poses, contacts and forces are written at every ``append``, the deformation of the surfaces
-    ``deformation_rate`` times per second of simulated time (infinity: at every ``append``). ``attributes`` are kept with the file. Pictures show what
-    hands feel, and the bodies that you name as ``fingertips``.
-    A thread writes blocks of 100 steps while you go on. A process that is killed leaves a file that can be read up to the last block on disk.
-    Raises ``RecordingError`` where no file can be written; a disk that fills up later is reported at the next ``append``, or by ``close``.
+    ``deformation_rate`` times per second of simulated time (infinity: at every ``append``). ``attributes`` are kept with the file. Pictures
+    show what hands feel, and the bodies that you name as ``fingertips``.
+    A thread writes blocks of 100 steps while you go on. A process that is killed leaves a file that can be read up to the last block on
+    disk. Raises ``RecordingError`` where no file can be written; a disk that fills up later is reported at the next ``append``, or by
+    ``close``.
     """
     return WorldRecorder(world, path, fingertips=fingertips, deformation_rate=deformation_rate, attributes=attributes)
 

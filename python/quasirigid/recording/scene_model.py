@@ -19,6 +19,8 @@ from quasirigid.recording.reader import Column, Recording
 from quasirigid.recording.schema import ANY, check_columns
 from quasirigid.scene.model import BodyView, ControlPoints, Kind, SceneModel
 
+WITH_COLLIDERS = 4
+"""The version of the format since which every collider of a body is recorded, not the first alone."""
 WITH_CONTROL_POINTS = 3
 """The version of the format since which control points, materials and masses are recorded, and units of constants."""
 
@@ -72,6 +74,8 @@ def model_constants(model: SceneModel) -> tuple[dict[str, npt.NDArray[Any]], str
                 "control_points": len(body.control.points),
                 "mass_kg": body.mass,
                 "centre_of_mass_m": None if body.centre_of_mass is None else list(body.centre_of_mass),
+                "part_of": body.part_of,
+                "link": body.link,
             }
         )
     described = {"bodies": bodies, "materials": materials, "fingers": list(model.fingers), "dt": model.dt, "floor": model.floor}
@@ -131,7 +135,8 @@ def described_scene(recording: Recording) -> dict[str, Any]:
     if recording.version >= WITH_CONTROL_POINTS:
         materials = scene.get("materials", lambda v: isinstance(v, list) and all(isinstance(m, dict) for m in v), "a list of materials")
     bodies = []
-    for i, body in enumerate(scene.get("bodies", lambda v: isinstance(v, list), "a list of bodies")):
+    listed = scene.get("bodies", lambda v: isinstance(v, list), "a list of bodies")
+    for i, body in enumerate(listed):
         fields = _Fields(recording, body, f"attribute scene, body {i}")
         bodies.append(
             {
@@ -150,6 +155,11 @@ def described_scene(recording: Recording) -> dict[str, Any]:
                 "material": None if material is None else materials[material],
                 "mass": fields.get("mass_kg", lambda v: v is None or (_finite(v) and v >= 0.0), "0 kg or more, or none"),
                 "centre_of_mass": None if centre is None else tuple(centre),
+            }
+        if recording.version >= WITH_COLLIDERS:
+            bodies[-1] |= {
+                "part_of": fields.get("part_of", partial(_below, len(listed)), f"a number below {len(listed)}, or none"),
+                "link": fields.get("link", lambda v: type(v) is int and v >= 0, "a number from 0"),
             }
     return {
         "bodies": bodies,

@@ -1,14 +1,13 @@
-"""Recordings of a scene: all that a replay in 3D needs, for any world.
+"""Writes recordings of a scene: all that a replay in 3D needs, for any world.
 
 The shapes of the bodies are written once, their poses, the contacts and the forces in every step. The elastic deformation of the
 surfaces, the bulk of it all, is written ``deformation_rate`` times a second: the displaced points alone, by how much they are displaced.
 
-Written is a ``SceneModel`` and one ``SceneState`` per step, and the same come back: what draws a live world draws a recording too.
+Written is a ``SceneModel`` and one ``SceneState`` per step; ``quasirigid.recording.scene_recording`` reads them back.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,21 +18,17 @@ import numpy as np
 import numpy.typing as npt
 
 from quasirigid._quasirigid import STAGES, StepReport, __version__
-from quasirigid.arrays.types import FloatArray
-from quasirigid.errors import InvalidShapeError, InvalidValueError, RecordingError
-from quasirigid.recording.file import damaged
-from quasirigid.recording.model import model_columns, model_constants, read_model
-from quasirigid.recording.reader import VERSION, Column, Recording
+from quasirigid.errors import InvalidShapeError, InvalidValueError
+from quasirigid.recording.reader import VERSION, Column
 from quasirigid.recording.recorder import Recorder
-from quasirigid.recording.scene_columns import PHASE_CODES, check_scene, frames_of, scene_columns
+from quasirigid.recording.scene_columns import PHASE_CODES, frames_of, scene_columns
+from quasirigid.recording.scene_model import model_columns, model_constants
 from quasirigid.recording.schema import described
-from quasirigid.scene.contact_fields import CONTACT_FIELDS, contact_arrays
-from quasirigid.scene.model import ContactsState, Moved, SceneModel, SceneState
+from quasirigid.scene.contact_fields import RECORDED_FIELDS
+from quasirigid.scene.model import Moved, SceneModel, SceneState
 
 DEFORMATION_RATE = 60.0
 """Times a second of simulated time that the deformation is written."""
-ROWS_AT_ONCE = 2**18
-"""Rows of a column that are read at a time where all are needed: a few megabytes."""
 UNCHANGED = 1e-9
 """Deformation that differs by less than this from what was written last is not written again, m."""
 
@@ -53,8 +48,8 @@ class SceneRecorder:
     ) -> None:
         """Create the file at ``path`` (an old one is replaced) for the bodies of ``model`` and joints of the shape (fingers, joints).
 
-        ``columns`` are further columns of your own; ``phase`` may be a number with labels (``PHASE_CODES``). ``deformation_rate`` in 1/s of simulated
-        time; infinity writes the deformation in every step.
+        ``columns`` are further columns of your own; ``phase`` may be a number with labels (``PHASE_CODES``). ``deformation_rate`` in 1/s of
+        simulated time; infinity writes the deformation in every step.
         """
         if not deformation_rate > 0.0:
             raise InvalidValueError("deformation_rate", "times a second, above 0", deformation_rate, f"{DEFORMATION_RATE:g} is the default")
@@ -107,7 +102,8 @@ class SceneRecorder:
     def append(self, state: SceneState, row: Mapping[str, Any] | None = None, report: StepReport | None = None) -> None:
         """Add one step. ``row`` holds the values of the further columns, ``report`` what only the engine's report knows.
 
-        Raises ``InvalidShapeError`` for other bodies than those of the model, ``InvalidValueError`` for a phase longer than ``PHASE_BYTES``.
+        Raises ``InvalidShapeError`` for other bodies than those of the model, ``InvalidValueError`` for a phase longer than
+        ``PHASE_BYTES``.
         """
         if len(state.positions) != len(self.model.bodies):
             expected, got = f"{len(self.model.bodies)} bodies, those of the model", f"{len(state.positions)}"
@@ -124,7 +120,7 @@ class SceneRecorder:
             "phase": state.phase.encode(),
             "frames/pose": np.concatenate([state.positions, state.quaternions], axis=1)[self._carriers],
             "bodies/quarantined": quarantined,
-            **{f"contacts/{field.column}": getattr(c, field.name) for field in CONTACT_FIELDS},
+            **{f"contacts/{field.column}": getattr(c, field.name) for field in RECORDED_FIELDS},
             **self._moved_rows(moved),
             "moved/step": self._recorder.steps if changed else self._moved_at,
             "fingers/force": state.finger_forces,
@@ -187,130 +183,3 @@ class SceneRecorder:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._recorder.__exit__(kind, error, trace)
-
-
-class SceneRecording:
-    """Reads a recording as a scene: ``model``, ``times``, and ``state(step)`` as it was drawn live."""
-
-    def __init__(self, path: str | Path) -> None:
-        """Open the recording at ``path``.
-
-        Raises ``RecordingError`` if there is none, if it is something else, if it is too old to hold a scene, or if a column is missing or not
-        as ``scene_columns`` has it.
-        """
-        self.columns = Recording(path)
-        try:
-            self.model = read_model(self.columns)
-            check_scene(self.columns, self.model)
-            if self.columns.steps == 0:
-                raise RecordingError(str(path), "a recording with at least one step", "none", "let the run go on for longer")
-            for group in ("contacts", "moved"):
-                self.columns.check_ends(group)
-            self.times: FloatArray = self.columns["time"]
-            if not np.isfinite(self.times).all() or (np.diff(self.times) < 0.0).any():
-                raise damaged(self.columns.path, "column time", "times in rising order", "others")
-        except BaseException:
-            self.columns.close()
-            raise
-        frames = self.columns.labels("frames/pose")
-        self._frames = [frames.index(frame) for frame in frames_of(self.model)]
-
-    def __len__(self) -> int:
-        """Number of steps."""
-        return self.columns.steps
-
-    def step_at(self, time: float) -> int:
-        """The last step that had ended at ``time`` s; 0 if none had."""
-        return max(0, int(np.searchsorted(self.times, time + 1e-9 * max(1.0, abs(time)), side="right")) - 1)
-
-    def phase(self, step: int) -> str:
-        """What was going on in a step."""
-        code = self.columns.row("phase", step)
-        labels = self.columns.labels("phase")
-        return labels[int(code)] if labels else bytes(code).decode(errors="replace")
-
-    def phases(self, steps: slice = slice(None)) -> list[tuple[float, float, str]]:
-        """The phases among some steps: start and end in s, and name; without those that have no name."""
-        codes, times = self.columns["phase"][steps], self.times[steps]
-        if not len(codes):
-            return []
-        changes = [0, *(np.flatnonzero(codes[1:] != codes[:-1]) + 1).tolist(), len(codes)]
-        first = range(len(self))[steps].start
-        spans = []
-        for start, stop in itertools.pairwise(changes):
-            spans.append((float(times[start]) - self.model.dt, float(times[stop - 1]), self.phase(first + start)))
-        return [span for span in spans if span[2]]
-
-    def peak_pressure(self, first: int = 0, last: int = -1) -> float:
-        """Largest pressure on a fingertip from the ``first`` to the ``last`` step, Pa; on anything if there are no fingertips."""
-        first, last = range(len(self))[first], range(len(self))[last]
-        ends = self.columns["contacts/end"]
-        begin, end, tips = int(ends[first - 1]) if first else 0, int(ends[last]), self.model.fingertips()
-        peak = 0.0
-        for start in range(begin, end, ROWS_AT_ONCE):  # all at once may not fit into memory
-            stop = min(start + ROWS_AT_ONCE, end)
-            pressure, a, b = (self.columns.slice(f"contacts/{name}", start, stop) for name in ("pressure", "body_a", "body_b"))
-            mine = np.isin(a, tips) | np.isin(b, tips) if tips else slice(None)
-            peak = float(pressure[mine].max(initial=peak))
-        return peak
-
-    def contacts(self, step: int) -> ContactsState:
-        """The contacts of a step."""
-        rows = self.columns.rows("contacts", step)
-        return ContactsState(**contact_arrays(rows, len(rows["gap"])))
-
-    def moved(self, step: int) -> dict[int, Moved]:
-        """The displaced surface points as last written up to a step."""
-        step = range(len(self))[step]
-        source = int(self.columns.row("moved/step", step))
-        if source == -1:
-            return {}
-        if not 0 <= source <= step:
-            raise damaged(self.columns.path, "column moved/step", f"numbers from -1 to {step} up to row {step}", source)
-        rows = self.columns.rows("moved", source)
-        found: dict[int, Moved] = {}
-        for body in np.unique(rows["body"]).tolist():
-            mine = rows["body"] == body
-            indices = rows["index"][mine].astype(np.int64)
-            count = len(self.model.bodies[body].points)
-            if indices.max() >= count:
-                raise damaged(self.columns.path, "column moved/index", f"points of body {body}, below {count}", int(indices.max()))
-            points = self.model.bodies[body].points[indices] + rows["displacement"][mine]
-            found[body] = Moved(indices, points)
-        return found
-
-    def state(self, step: int) -> SceneState:
-        """Everything at the end of a ``step``, counted from 0; negative ones from the end."""
-        step = range(len(self))[step]
-
-        def row(name: str) -> npt.NDArray[Any]:
-            return self.columns.row(name, step)
-
-        pose = row("frames/pose")[self._frames]
-        return SceneState(
-            time=float(self.times[step]),
-            step=step,
-            positions=pose[:, :3],
-            quaternions=pose[:, 3:],
-            moved=self.moved(step),
-            contacts=self.contacts(step),
-            finger_forces=row("fingers/force").astype(float),
-            normal_forces=row("fingers/normal_force").astype(float),
-            joint_positions=row("hand/joint_positions"),
-            step_time=float(row("report/step_time")),
-            stage_times=dict(zip(STAGES, row("report/stage_times").tolist(), strict=True)),
-            residual=float(row("report/residual")),
-            converged=bool(row("report/converged")),
-            quarantined=tuple(np.flatnonzero(row("bodies/quarantined")).tolist()),
-            phase=self.phase(step),
-        )
-
-    def close(self) -> None:
-        """Close the file."""
-        self.columns.close()
-
-    def __enter__(self) -> SceneRecording:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
