@@ -163,22 +163,23 @@ def _touched_compliance(K: sparse.csr_matrix, layers: list[IntArray], free: Bool
         if len(behind):
             across = K[behind][:, here]
             used = np.unique(across.indices)  # a layer need not be joined by all of its unknowns
-            joined = across[:, used].toarray()
-            own[np.ix_(used, used)] -= joined.T @ linalg.cho_solve(_factor(stiff), joined, check_finite=False)
+            half = _half(stiff, across[:, used].toarray())
+            own[np.ix_(used, used)] -= half.T @ half
         stiff, behind = own, here
     m = N[0].shape[0]
     readings = np.zeros((m, 3, len(layers[0]), 3))
     for k in range(3):
         readings[:, k, :, k] = N[k][:, layers[0]].toarray()
     picked = readings.reshape(3 * m, -1)[:, free[layers[0]].ravel()]
-    half = linalg.solve_triangular(_factor(stiff)[0], picked.T, lower=True, check_finite=False)
+    half = _half(stiff, picked.T)
     return np.asarray(half.T @ half)
 
 
-def _factor(stiff: FloatArray) -> tuple[FloatArray, bool]:
+def _half(stiff: FloatArray, right: FloatArray) -> FloatArray:
+    """``L^-1 right`` for ``stiff = L L^T``, so that ``half^T half = right^T stiff^-1 right``."""
     try:
-        lower, _ = linalg.cho_factor(stiff, lower=True, check_finite=False)
+        lower = linalg.cholesky(stiff, lower=True, check_finite=False)
     except linalg.LinAlgError as error:
         got = "a piece of it that hangs on a point or an edge"
         raise InvalidValueError("elements", "a mesh whose elements are joined by faces", got, "merge nodes that coincide") from error
-    return lower, True
+    return np.asarray(linalg.solve_triangular(lower, right, lower=True, check_finite=False))
