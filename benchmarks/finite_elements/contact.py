@@ -126,7 +126,9 @@ class Curve:
         """At a depth (m). Raises ``ValueError`` where the contact radius is not between the smallest and the largest."""
         found = minimize_scalar(lambda x: -(self.stamps(x) @ (depth, -1.0)), bounds=self.range, method="bounded", options={"xatol": 1e-9})
         if min(abs(found.x - self.range)) < 1e-3:
-            raise ValueError(f"no contact radius between {np.exp(self.range[0]):g} and {np.exp(self.range[1]):g} m at a depth of {depth:g} m")
+            raise ValueError(
+                f"no contact radius between {np.exp(self.range[0]):g} and {np.exp(self.range[1]):g} m at a depth of {depth:g} m"
+            )
         return Press(-float(found.fun), float(np.exp(found.x)), float(self.stamps(found.x)[0]))
 
 

@@ -112,7 +112,9 @@ def test_rings_that_open_and_close_find_the_same_contact_as_the_greatest_force(f
     mesh = elements.Mesh(*np.meshgrid(meshes.with_middles(r), meshes.with_middles(z), indexing="ij"))
     pressure, area = contact.active_set(mesh, soft, contact.ball(R), d, count)
     force, radius = pressure @ area, np.sqrt(area[pressure > 0].sum() / np.pi)
-    print(f"rings: force {force / best.force - 1:+.2%}, radius {(radius - best.radius) / (reach / count):+.2f} rings beside the greatest force")
+    print(
+        f"rings: force {force / best.force - 1:+.2%}, radius {(radius - best.radius) / (reach / count):+.2f} rings beside the greatest force"
+    )
     assert force == pytest.approx(best.force, rel=0.005)
     assert radius == pytest.approx(best.radius, abs=reach / count)
 
@@ -143,8 +145,14 @@ def test_the_stored_figures_are_those_of_the_program(fem: Any) -> None:
     reference, coarse = fem("reference"), fem("meshes").COARSE
     assert len(stored["layers"]) == 18
     assert len(stored["tips"]) == 45
-    layer = next(case for case in stored["layers"] if (case["ball_radius"], case["thickness"], case["poisson_ratio"]) == (0.05, 0.003, 0.49))
-    tip = next(case for case in stored["tips"] if (case["radius"], case["height"], case["depth"], case["poisson_ratio"]) == (0.01, 0.007, 0.0006, 0.45))
+    layer = next(
+        case for case in stored["layers"] if (case["ball_radius"], case["thickness"], case["poisson_ratio"]) == (0.05, 0.003, 0.49)
+    )
+    tip = next(
+        case
+        for case in stored["tips"]
+        if (case["radius"], case["height"], case["depth"], case["poisson_ratio"]) == (0.01, 0.007, 0.0006, 0.45)
+    )
     again = [
         (layer, reference.pressed_layer(layer["ball_radius"], layer["depth"], layer["thickness"], 0.49, coarse)),
         (tip, reference.pressed_tip(tip["radius"], tip["height"], [tip["depth"]], 0.45, coarse)[0]),

@@ -110,7 +110,12 @@ def test_a_quarter_and_its_mirror_images_are_the_whole() -> None:
     surface = patch(0.8 * side, 3)
     whole, part = [
         qr.pads.condense(
-            *grid(1.1 * x, x, z), young_modulus=E, poisson_ratio=0.45, fixed=grid(1.1 * x, x, z)[0][:, 2] == -h, surface=surface, mirrors=mirrors
+            *grid(1.1 * x, x, z),
+            young_modulus=E,
+            poisson_ratio=0.45,
+            fixed=grid(1.1 * x, x, z)[0][:, 2] == -h,
+            surface=surface,
+            mirrors=mirrors,
         ).matrix
         for x, mirrors in ((np.concatenate([-half[:0:-1], half]), ""), (half, "xy"))
     ]
@@ -184,7 +189,11 @@ BAD: dict[str, tuple[dict[str, Any], type[qr.QuasirigidError], str]] = {
     "floats": ({"elements": BRICKS + 0.5}, qr.InvalidValueError, "elements: .*whole numbers"),
     "ragged": ({"elements": [[0, 1, 2, 3], [0, 1]]}, qr.InvalidValueError, "elements: .*whole numbers"),
     "counted from 1": ({"elements": BRICKS + 1}, qr.InvalidValueError, "elements: .*27 points, from 0, got 27 in row 7"),
-    "inside out": ({"elements": BRICKS[:, [4, 5, 6, 7, 0, 1, 2, 3]]}, qr.InvalidValueError, "elements: .*8 elements of no or negative volume"),
+    "inside out": (
+        {"elements": BRICKS[:, [4, 5, 6, 7, 0, 1, 2, 3]]},
+        qr.InvalidValueError,
+        "elements: .*8 elements of no or negative volume",
+    ),
     "flat tetrahedra": ({"elements": BRICKS[:, :4]}, qr.InvalidValueError, "elements: .*of no or negative volume"),
     "short mask": ({"fixed": FIXED[:5]}, qr.InvalidShapeError, r"fixed: .*\(27,\).*\(5,\)"),
     "fixed out of range": ({"fixed": [0, 99]}, qr.InvalidValueError, "fixed: .*99"),

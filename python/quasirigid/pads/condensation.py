@@ -88,7 +88,9 @@ def condense(
     limit = np.sqrt(surface.area / len(surface.control_points)) / 2 if within is None else within
     if distance.max() > limit:
         k = int(distance.argmax())
-        got = f"{np.count_nonzero(distance > limit)} of {len(read)} further off, up to {distance[k]:.3g} m at {np.round(read[k], 6).tolist()}"
+        got = (
+            f"{np.count_nonzero(distance > limit)} of {len(read)} further off, up to {distance[k]:.3g} m at {np.round(read[k], 6).tolist()}"
+        )
         hint = "give mesh and surface in the same frame and in m, or say within="
         raise InvalidValueError("surface", f"points within {limit:.3g} m of the boundary of the mesh", got, hint)
     layers = _layers(mesh, np.unique(weights.indices[weights.data != 0]))

@@ -99,7 +99,7 @@ def _tetrahedron_points(mesh: PadMesh) -> Iterator[tuple[FloatArray, FloatArray]
 
 def _jacobian(dx: FloatArray, *, either: bool = False) -> tuple[FloatArray, FloatArray]:
     """Determinants (m,) and inverses (m, 3, 3) of dx/ds; the determinants are positive. ``either``: an element may be listed either way round."""
-    determinant = np.linalg.det(dx)
+    determinant: FloatArray = np.linalg.det(dx).astype(np.float64)
     size = np.linalg.norm(dx, axis=1).prod(axis=1)
     if either:
         determinant = abs(determinant)
@@ -109,4 +109,4 @@ def _jacobian(dx: FloatArray, *, either: bool = False) -> tuple[FloatArray, Floa
         got = f"{np.count_nonzero(bad)} elements of no or negative volume, the first of them element {k}"
         hint = "list four corners of a brick around one face, seen from inside turning left, and the four opposite in the same order"
         raise InvalidValueError("elements", "elements that have a volume", got, "look for nodes that coincide" if either else hint)
-    return determinant, np.linalg.inv(dx)
+    return determinant, np.asarray(np.linalg.inv(dx), dtype=np.float64)

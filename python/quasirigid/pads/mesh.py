@@ -49,7 +49,7 @@ class PadMesh:
         _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
         single = np.sort(first[count == 1])
         if self.elements.shape[1] == 8:
-            return faces[single]
+            return np.asarray(faces[single])
         middle = {tuple(edge): 4 + k for k, edge in enumerate(EDGES.tolist())}
         sides = np.array([[middle[min(a, b), max(a, b)] for a, b in ((f[0], f[1]), (f[1], f[2]), (f[2], f[0]))] for f in local.tolist()])
         middles = self.elements[:, sides].reshape(-1, 3)

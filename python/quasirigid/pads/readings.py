@@ -32,11 +32,11 @@ def shares(surface: Surface) -> sparse.csr_matrix:
 def interpolation(mesh: PadMesh, places: FloatArray, skip: FloatArray) -> tuple[sparse.csr_matrix, FloatArray]:
     """How points (p, 3) m move with the nodes of the boundary nearest to them: weights (p, n), which sum to 1 for each, and their distances (p,) m.
 
-    Faces with all nodes in one of the planes ``x[k] = 0`` for which ``skip`` (3,) is a finite tolerance (m) are no boundary.
+    Faces with all nodes within ``skip[k]`` (3,) m of the plane ``x[k] = 0`` are no boundary; a negative one leaves none out.
     """
     faces = mesh.boundary
-    flat = (abs(mesh.points[faces]) <= skip).all(axis=1).any(axis=1)
-    faces = faces[~flat]
+    on_mirror = np.all(abs(mesh.points[faces]) <= skip, axis=1)  # (f, 3)
+    faces = faces[~np.any(on_mirror, axis=1)]
     quads = faces.shape[1] == 4
     triangles = np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]]) if quads else faces[:, :3]
     number, L = _nearest(mesh.points[triangles], places)
@@ -93,4 +93,4 @@ def _bilinear(corners: FloatArray, places: FloatArray) -> FloatArray:
         slope = np.stack([sign[:, 0] / 2 * factors[:, :, 1], sign[:, 1] / 2 * factors[:, :, 0]], axis=1) @ corners  # (p, 2, 3)
         square = slope @ slope.transpose(0, 2, 1)
         s = np.clip(s + np.linalg.solve(square, (slope @ off[:, :, None]))[:, :, 0], -1, 1)
-    return ((1 + sign * s[:, None]) / 2).prod(axis=2)
+    return np.asarray(((1 + sign * s[:, None]) / 2).prod(axis=2))
