@@ -1,9 +1,10 @@
 """Something rigid pressed on a soft body without friction, and the stiffness of the patch where they touch.
 
-Two ways to the contact radius. `Curve` finds it as the one that makes the force greatest: of all discs that could be pressed by the shape of the indenter to a
-given depth, the one without tension and without overlap does (J. R. Barber, Determining the contact area in elastic indentation problems, Journal of
-Strain Analysis 9, 1974). The rim of the mesh is then at the rim of the contact, so errors are small. `active_set` takes pressures that
-are constant on each ring of a mesh, and closes and opens rings until none pulls and none overlaps; coarser, and with no theorem in it.
+Two ways to the contact radius. `Curve` finds it as the one that makes the force greatest: of all discs that could be pressed by the shape
+of the indenter to a given depth, the one without tension and without overlap does (J. R. Barber, Determining the contact area in elastic
+indentation problems, Journal of Strain Analysis 9, 1974). The rim of the mesh is then at the rim of the contact, so errors are small.
+`active_set` takes pressures that are constant on each ring of a mesh, and closes and opens rings until none pulls and none overlaps;
+coarser, and with no theorem in it.
 """
 
 from __future__ import annotations
@@ -60,8 +61,8 @@ def _rim(mesh: Mesh, a: float) -> int:
 def stamped(mesh: Mesh, soft: Soft, a: float, shapes: list[Gap]) -> tuple[Array, Array, Array]:
     """The disc r <= a of the surface pushed along the axis, free to slide: by 1 m (flat), and by each of ``shapes``.
 
-    Returns forces (1 + shapes,) N, the pressures (nodes within a, 1 + shapes) Pa, and the displacements of the whole surface (nodes, 1 + shapes) m
-    into the body.
+    Returns forces (1 + shapes,) N, the pressures (nodes within a, 1 + shapes) Pa, and the displacements of the whole surface (nodes, 1 +
+    shapes) m into the body.
     """
     K = stiffness(mesh, soft.young_modulus, soft.poisson_ratio, 0)
     edges = _rim(mesh, a)
@@ -77,8 +78,8 @@ def stamped(mesh: Mesh, soft: Soft, a: float, shapes: list[Gap]) -> tuple[Array,
 
 
 def shear_stiffness(mesh: Mesh, soft: Soft, a: float, *, level: bool) -> float:
-    """Force (N) along x that moves the disc r <= a of the surface by 1 m along x. ``level``: its points stay in their plane, as if bonded to a stamp
-    that is not to tilt; else they are free to rise and sink.
+    """Force (N) along x that moves the disc r <= a of the surface by 1 m along x. ``level``: its points stay in their plane, as if bonded
+    to a stamp that is not to tilt; else they are free to rise and sink.
     """
     K = stiffness(mesh, soft.young_modulus, soft.poisson_ratio, 1)
     nodes = mesh.surface[: 2 * _rim(mesh, a) + 1]
@@ -106,8 +107,9 @@ class Press:
 class Curve:
     """Force over depth of one indenter, from stamps of radii between ``smallest`` and ``largest`` (m), on a mesh each.
 
-    At a depth d a disc of radius a that is pressed to the shape of the indenter carries F(a) = d k(a) - G(a), with k the stiffness of the flat stamp and G the force of a
-    stamp of the shape of the gap. Both are smooth in a, so Chebyshev polynomials through ``count`` radii give them (of their logarithms, in that of a).
+    At a depth d a disc of radius a that is pressed to the shape of the indenter carries F(a) = d k(a) - G(a), with k the stiffness of the
+    flat stamp and G the force of a stamp of the shape of the gap. Both are smooth in a, so Chebyshev polynomials through ``count`` radii
+    give them (of their logarithms, in that of a).
     """
 
     def __init__(self, mesh: Callable[[float], Mesh], soft: Soft, gap: Gap, smallest: float, largest: float, count: int) -> None:
@@ -152,7 +154,8 @@ def checked(mesh: Mesh, soft: Soft, gap: Gap, depth: float, a: float) -> Touch:
     force, pressure, sunk = stamped(mesh, soft, a, [gap])
     p, w, r = pressure @ (depth, -1.0), sunk @ (depth, -1.0), mesh.surface_r
     inner = r[: len(p)] < 0.98 * a
-    # The node on the axis has next to no area. A contact has p = sqrt(1 - r^2/a^2) times something smooth and even, whose value on the axis is asked for.
+    # The node on the axis has next to no area. A contact has p = sqrt(1 - r^2/a^2) times something smooth and even, whose value on the axis
+    # is asked for.
     x = np.minimum(r[: len(p)] / a, 1) ** 2
     even = np.sqrt(1 - x)[:, None] * x[:, None] ** np.arange(5)
     mass = rings(mesh, len(p) // 2)[0]
@@ -163,7 +166,8 @@ def checked(mesh: Mesh, soft: Soft, gap: Gap, depth: float, a: float) -> Touch:
 
 
 def active_set(mesh: Mesh, soft: Soft, gap: Gap, depth: float, edges: int) -> tuple[Array, Array]:
-    """Pressures (edges,) Pa on the first ``edges`` elements of the surface, each constant on its ring, and the areas (edges,) m^2 of the rings.
+    """Pressures (edges,) Pa on the first ``edges`` elements of the surface, each constant on its ring, and the areas (edges,) m^2 of the
+    rings.
 
     On every ring either the pressure is 0 and the indenter does not overlap on average, or it is positive and they touch on average.
     """

@@ -4,10 +4,10 @@ In cylindrical coordinates (r, phi, z), with harmonic n (0 pressed along the axi
 
     u_r = U(r, z) cos(n phi),    u_phi = V(r, z) sin(n phi),    u_z = W(r, z) cos(n phi)
 
-so that three functions in the half-plane r >= 0 are all that is unknown. Quadrilaterals with nine nodes carry them, and within each the change of
-volume is replaced by its projection on 1, r, z (mean dilatation, of first order): with nine nodes that is the pair Q2/P1, which does not lock as
-Poisson's ratio tends to 1/2. T. J. R. Hughes, The Finite Element Method (1987), sections 4.4 and 4.5; O. C. Zienkiewicz and R. L. Taylor, The Finite
-Element Method (2000), volume 1, chapter 9 (harmonics) and 12 (nearly incompressible).
+so that three functions in the half-plane r >= 0 are all that is unknown. Quadrilaterals with nine nodes carry them, and within each the
+change of volume is replaced by its projection on 1, r, z (mean dilatation, of first order): with nine nodes that is the pair Q2/P1, which
+does not lock as Poisson's ratio tends to 1/2. T. J. R. Hughes, The Finite Element Method (1987), sections 4.4 and 4.5; O. C. Zienkiewicz
+and R. L. Taylor, The Finite Element Method (2000), volume 1, chapter 9 (harmonics) and 12 (nearly incompressible).
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ GAUSS, WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 @dataclass(frozen=True)
 class Mesh:
-    """A grid of nodes (2 m + 1, 2 k + 1) for m x k elements: the first index runs from the axis outwards, the second from the back to the surface.
+    """A grid of nodes (2 m + 1, 2 k + 1) for m x k elements: the first index runs from the axis outwards, the second from the back to the
+    surface.
 
     The first row of nodes is the axis, the first column the back, which is bonded to something rigid, and the last column the surface.
     """
@@ -106,7 +107,7 @@ def stiffness(mesh: Mesh, young_modulus: float, poisson_ratio: float, harmonic: 
 
 
 def supported(mesh: Mesh, harmonic: int) -> npt.NDArray[np.bool_]:
-    """(nodes, 3) which unknowns are 0: all of the back, V of harmonic 0 (no twist), and on the axis what would tear it: U of harmonic 0, W of 1."""
+    """(nodes, 3) which unknowns are 0: all of the back, V of harmonic 0 (no twist), and on the axis U of harmonic 0 and W of 1."""
     held = np.zeros((mesh.r.size, 3), dtype=bool)
     held[mesh.numbers[:, 0]] = True
     if harmonic == 0:
@@ -120,8 +121,8 @@ def supported(mesh: Mesh, harmonic: int) -> npt.NDArray[np.bool_]:
 def rings(mesh: Mesh, edges: int) -> tuple[Array, Array]:
     """What pressure on the first ``edges`` elements of the surface does to their nodes: forces (N) along the axis.
 
-    Returns the integrals of N_i N_j dA (2 edges + 1, 2 edges + 1) m^2 and those of N_i dA over each element (2 edges + 1, edges) m^2, where dA is area
-    across the axis: 2 pi r dr.
+    Returns the integrals of N_i N_j dA (2 edges + 1, 2 edges + 1) m^2 and those of N_i dA over each element (2 edges + 1, edges) m^2, where
+    dA is area across the axis: 2 pi r dr.
     """
     products, loads = np.zeros((2 * edges + 1,) * 2), np.zeros((2 * edges + 1, edges))
     points, weights = np.polynomial.legendre.leggauss(4)

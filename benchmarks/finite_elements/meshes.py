@@ -1,7 +1,7 @@
 """Meshes of soft bodies bonded to something rigid at their back: layers, and tips that are halves of ellipsoids. Lengths in m.
 
-A disc of radius a on the surface is what is pressed. Under its rim the stress is infinite where the disc is a stamp, so elements shrink towards it, by a
-constant ratio, down to a thousandth of a: then what the last element misses of the energy is of that order.
+A disc of radius a on the surface is what is pressed. Under its rim the stress is infinite where the disc is a stamp, so elements shrink
+towards it, by a constant ratio, down to a thousandth of a: then what the last element misses of the energy is of that order.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ COARSE = Fineness(4e-3, 2.0, 4, 8.0)
 
 
 def steps(length: float, smallest: float, ratio: float, largest: float) -> Array:
-    """Coordinates from 0 to ``length``: steps that grow by ``ratio`` from ``smallest`` to ``largest``, all scaled so that they end there."""
+    """Coordinates from 0 to ``length``: steps that grow by ``ratio`` from ``smallest`` to ``largest``, all scaled to end there."""
     sizes = [smallest]
     while sum(sizes) < length:
         sizes.append(min(sizes[-1] * ratio, largest))
@@ -62,10 +62,12 @@ def layer(thickness: float, a: float, fine: Fineness) -> Mesh:
 
 
 def tip(radius: float, height: float, a: float, fine: Fineness) -> Mesh:
-    """Half an ellipsoid about the axis, r^2/radius^2 + z^2/height^2 <= 1 and z >= 0, bonded at z = 0, with a rim at r = a < radius / sqrt 2.
+    """Half an ellipsoid about the axis, r^2/radius^2 + z^2/height^2 <= 1 and z >= 0, bonded at z = 0.
 
-    The square 0 <= s, t <= 1 goes to the quarter of the ellipse by r = radius s sqrt(1 - t^2/2), z = height t sqrt(1 - s^2/2), its upper and right side
-    both to the surface. Only the upper one is the last column of nodes; nothing touches the other.
+    It has a rim at r = a < radius / sqrt 2.
+
+    The square 0 <= s, t <= 1 goes to the quarter of the ellipse by r = radius s sqrt(1 - t^2/2), z = height t sqrt(1 - s^2/2), its upper
+    and right side both to the surface. Only the upper one is the last column of nodes; nothing touches the other.
     """
     rim = np.sqrt(2) * a / radius
     first = fine.smallest * rim

@@ -1,4 +1,4 @@
-"""Reference figures of soft layers and tips for the tests: what a pad gives way by, from finite elements that share nothing with the engine.
+"""Reference figures of soft layers and tips for the tests: what a pad gives way by, from finite elements of their own.
 
     python benchmarks/finite_elements/reference.py                      writes python/tests/references/pads.json, two minutes
     python benchmarks/finite_elements/reference.py --ball 50 0.2 3 0.45     one case: radius, depth, thickness (mm), Poisson's ratio
@@ -99,8 +99,8 @@ def all_figures() -> dict[str, object]:
         for name, both in made.items()
     }
     return {
-        "about": "a rigid ball pressed on a layer bonded to a rigid backing; a rigid plane pressed on half an ellipsoid bonded at its flat back;"
-        " small strains, no friction",
+        "about": "a rigid ball pressed on a layer bonded to a rigid backing; a rigid plane pressed on half an ellipsoid bonded at its flat"
+        " back; small strains, no friction",
         "command": "python benchmarks/finite_elements/reference.py",
         "units": "SI: m, N, Pa, N/m",
         "meaning": MEANING,

@@ -32,7 +32,7 @@ def test_flat_stamps_on_a_deep_layer_have_the_stiffness_of_those_on_a_half_space
     meshes, contact = fem("meshes"), fem("contact")
     a, G, soft = 1e-3, shear_modulus(nu), contact.Soft(E, nu)
     mesh = meshes.layer(DEEP * a, a, meshes.COARSE)
-    # K. L. Johnson, Contact Mechanics, 3.36: P = 4 G a/(1 - nu) d; 7.43 (with the normal traction left out): Q = 8 G a/(2 - nu) s.
+    # K. L. Johnson, Contact Mechanics, 3.4: P = 4 G a/(1 - nu) d; 3.7 (no normal traction): Q = 8 G a/(2 - nu) s.
     k_n = contact.stamped(mesh, soft, a, [])[0][0] / (4 * G * a / (1 - nu)) - 1
     k_t = contact.shear_stiffness(mesh, soft, a, level=False) / (8 * G * a / (2 - nu)) - 1
     print(f"nu {nu}: flat stamp on a deep layer, normal {k_n:+.2%}, tangential {k_t:+.2%}")
@@ -73,8 +73,8 @@ def test_stamps_on_a_thin_layer_squeeze_it_make_it_flow_and_shear_it(fem: Any, n
         mesh = meshes.layer(h, a, meshes.COARSE)
         if what == "sheared":
             return float(contact.shear_stiffness(mesh, soft, a, level=False) / (G * np.pi * a**2 / h))
-        # Incompressible: what the stamp displaces flows out along the layer, bonded below and free to slide above: -h^3/(3 G) dp/dr = r/2, so that
-        # p = 3 G (a^2 - r^2)/(4 h^3) under a stamp pushed in by 1.
+        # Incompressible: what the stamp displaces flows out along the layer, bonded below and free to slide above: -h^3/(3 G) dp/dr = r/2,
+        # so that p = 3 G (a^2 - r^2)/(4 h^3) under a stamp pushed in by 1.
         limit = modulus * np.pi * a**2 / h if what == "squeezed" else 3 * np.pi * G * a**4 / (8 * h**3)
         return float(contact.stamped(mesh, soft, a, [])[0][0] / limit)
 
@@ -89,7 +89,8 @@ def test_a_ball_on_a_thin_incompressible_layer_touches_within_twice_hertz(fem: A
     d = a**2 / (4 * R)
 
     def over_limit(ratio: float) -> tuple[float, float]:
-        # As above, with what the ball displaces: -h^3/(3 G) dp/dr = (d r/2 - r^3/(8 R)), which is 0 at a = 2 sqrt(R d); F = 2 pi G R^2 d^3/h^3.
+        # As above, with what the ball displaces: -h^3/(3 G) dp/dr = (d r/2 - r^3/(8 R)), which is 0 at a = 2 sqrt(R d); F = 2 pi G R^2
+        # d^3/h^3.
         h = ratio * a
         mesh = lambda rim: meshes.layer(h, rim, meshes.COARSE)  # noqa: E731
         found = contact.Curve(mesh, contact.Soft(E, nu), contact.ball(R), 0.6 * a, 1.5 * a, 8).press(d)
@@ -112,9 +113,8 @@ def test_rings_that_open_and_close_find_the_same_contact_as_the_greatest_force(f
     mesh = elements.Mesh(*np.meshgrid(meshes.with_middles(r), meshes.with_middles(z), indexing="ij"))
     pressure, area = contact.active_set(mesh, soft, contact.ball(R), d, count)
     force, radius = pressure @ area, np.sqrt(area[pressure > 0].sum() / np.pi)
-    print(
-        f"rings: force {force / best.force - 1:+.2%}, radius {(radius - best.radius) / (reach / count):+.2f} rings beside the greatest force"
-    )
+    off = (radius - best.radius) / (reach / count)
+    print(f"rings: force {force / best.force - 1:+.2%}, radius {off:+.2f} of them beside the greatest force")
     assert force == pytest.approx(best.force, rel=0.005)
     assert radius == pytest.approx(best.radius, abs=reach / count)
 

@@ -1,4 +1,6 @@
-"""A mesh of one's own, condensed to the surface of a pad: right beside closed forms and finite elements that are made otherwise, and refused where it does not fit."""
+"""A mesh of one's own, condensed to the surface of a pad: right beside closed forms and finite elements that are made otherwise, and
+refused where it does not fit.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,8 @@ def graded(inner: float, step: float, end: float, growth: float) -> Array:
 
 
 def patch(half: float, count: int, height: Any = None) -> qr.Surface:
-    """(2 count)^2 control points on the square within ``half`` (m), four surface points each, on the plane or at ``height(x, y)``, with its slopes.
+    """(2 count)^2 control points on the square within ``half`` (m), four surface points each, on the plane or at ``height(x, y)``, with its
+    slopes.
 
     A little longer along x: a tree that halves squares may halve them along a diagonal.
     """
@@ -57,7 +60,9 @@ def patch(half: float, count: int, height: Any = None) -> qr.Surface:
 
 
 def pressed(matrix: Array, surface: qr.Surface, gap: Array, depth: float, a: float) -> tuple[float, float]:
-    """Force (N) along z of a rigid indenter without friction, and stiffness (N/m) along x of the control points within ``a`` (m) of the axis."""
+    """Force (N) along z of a rigid indenter without friction, and stiffness (N/m) along x of the control points within ``a`` (m) of the
+    axis.
+    """
     order = np.arange(len(matrix)).reshape(-1, 3)[:, [2, 0, 1]].ravel()  # normal first
     q = np.zeros(len(matrix))
     q[::3] = gap - depth
@@ -148,7 +153,8 @@ def test_a_plane_on_a_condensed_tip_is_that_on_the_reference(kind: str) -> None:
     case = next(c for c in REFERENCE["tips"] if (c["radius"], c["height"], c["depth"], c["poisson_ratio"]) == (0.01, 0.007, 0.0006, 0.45))
     R, H, a = case["radius"], case["height"], case["a"]
     half, count = 1.15 * a, 5
-    # Half the unit cube, of which a quarter, becomes half a ball: see below. Finer where it is touched, around the middle of its upper face.
+    # Half the unit cube, of which a quarter, becomes half a ball: see below. Finer where it is touched, around the middle of its upper
+    # face.
     bricks_apiece = 2 if kind == "bricks" else 1
     step = half / R / count / bricks_apiece
     across = graded(half / R, step, 1.0, 1.8)

@@ -33,9 +33,9 @@ def condense(
 ) -> ComplianceMatrix:
     """The compliance of a pad, from a mesh of it, over the control points of its surface: linear elasticity, small strains.
 
-    With ``K`` the stiffness of the mesh and ``N`` the displacements that are read at the control points, ``C = N K^-1 N^T``, so it is symmetric and positive
-    semidefinite whatever the mesh. ``K`` is eliminated from the back: layer by layer of nodes, counted from those that are touched; time goes with
-    the cube of the nodes in the largest layer (1,000: seconds), memory with their square.
+    With ``K`` the stiffness of the mesh and ``N`` the displacements that are read at the control points, ``C = N K^-1 N^T``, so it is
+    symmetric and positive semidefinite whatever the mesh. ``K`` is eliminated from the back: layer by layer of nodes, counted from those
+    that are touched; time goes with the cube of the nodes in the largest layer (1,000: seconds), memory with their square.
 
     >>> import numpy as np
     >>> import quasirigid as qr
@@ -52,18 +52,20 @@ def condense(
 
     Args:
         points: (n, 3) m, nodes, in the frame of the surface.
-        elements: (m, 4) tetrahedra, in any order, or (m, 8) bricks: four corners around a face and the four opposite in the same order (as in VTK, Gmsh and
-            Abaqus). Tetrahedra are made quadratic, with a node in the middle of every edge: as linear ones they would lock.
+        elements: (m, 4) tetrahedra, in any order, or (m, 8) bricks: four corners around a face and the four opposite in the same order
+            (as in VTK, Gmsh and Abaqus). Tetrahedra are made quadratic, with a node in the middle of every edge: as linear ones they lock.
         young_modulus: Pa.
         poisson_ratio: from -1 to 0.5; good up to about 0.49.
         fixed: nodes bonded to the backing: a mask (n,), or indices.
-        surface: what touches; its control points lie on the boundary of the mesh.
+        surface: what touches; its points and control points lie on the boundary of the mesh.
         mirrors: ``"x"``, ``"y"``, ``"xy"`` and so on: the mesh is the half, quarter or eighth of the pad where these coordinates are >= 0,
             and the pad its own mirror image in each of these planes. Four to sixteen times as fast.
-        load: what the force on a control point is. ``"area"``: a pressure on all of its area, and the mean displacement of that area (of the surface points that are
-            nearest to it, so these should be no further apart than the nodes); what comes out hardly depends on how fine the mesh is. ``"point"``: a
-            force on the one point. For control points that are nodes of the mesh, as far apart as these: the finer, the deeper it sinks in.
-        within: how far off the boundary of the mesh a control point or a surface point may be, m; without it half the spacing of the control points.
+        load: what the force on a control point is. ``"area"``: a pressure on all of its area, and the mean displacement of that area (of
+            the surface points that are nearest to it, so these should be no further apart than the nodes); what comes out hardly depends
+            on how fine the mesh is. ``"point"``: a force on the one point, for control points that are nodes of the mesh, as far apart as
+            these: the finer, the deeper it sinks in.
+        within: how far off the boundary of the mesh a control point or a surface point may be, m; without it half the spacing of the
+            control points.
 
     Returns:
         The matrix (3m, 3m) m/N over the m control points. A control point on a fixed face does not give way.
@@ -153,7 +155,8 @@ def _check_held(mesh: PadMesh, nodes: IntArray, free: BoolArray) -> None:
 
 
 def _touched_compliance(K: sparse.csr_matrix, layers: list[IntArray], free: BoolArray, N: list[sparse.csr_matrix]) -> FloatArray:
-    """``N K^-1 N^T`` (3m, 3m) m/N; ``N`` are the displacements along x, y and z of the m control points, by nodes, nodes of the first layer only.
+    """``N K^-1 N^T`` (3m, 3m) m/N; ``N`` are the displacements along x, y and z of the m control points, by nodes, nodes of the first layer
+    only.
 
     What lies behind layer k gives it the stiffness ``S_k = K_kk - K_k,k+1 S_k+1^-1 K_k+1,k``, from the last to the first.
     """

@@ -1,8 +1,8 @@
 """Stiffness matrix of a mesh: linear elasticity, small strains.
 
-Bricks are trilinear with three bubbles for each component (Wilson's incompatible modes, with the correction of R. L. Taylor, P. J. Beresford and E. L. Wilson,
-A non-conforming element for stress analysis, 1976, by which bricks of any shape pass the patch test); tetrahedra are quadratic. Neither locks at the Poisson's ratios
-of rubber and gels up to 0.49 or so.
+Bricks are trilinear with three bubbles for each component (Wilson's incompatible modes, with the correction of R. L. Taylor, P. J.
+Beresford and E. L. Wilson, A non-conforming element for stress analysis, 1976, by which bricks of any shape pass the patch test);
+tetrahedra are quadratic. Neither locks at the Poisson's ratios of rubber and gels up to 0.49 or so.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ SIGNS = np.array([(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1, 1
 
 
 def elasticity(young_modulus: float, poisson_ratio: float) -> FloatArray:
-    """(6, 6) Pa, stress (xx, yy, zz, yz, zx, xy) over strain with engineering shears. Raises ``InvalidValueError`` for what is no elastic material."""
+    """(6, 6) Pa, stress (xx, yy, zz, yz, zx, xy) over strain with engineering shears. Raises ``InvalidValueError`` for what is no elastic
+    material.
+    """
     if not 0 < young_modulus < np.inf:
         raise InvalidValueError("young_modulus", "a number > 0, in Pa", young_modulus, "silicones have about 1e5 to 1e6 Pa")
     if not -1 < poisson_ratio < 0.5:
@@ -76,7 +78,8 @@ def _brick_points(mesh: PadMesh) -> Iterator[tuple[FloatArray, FloatArray]]:
         factors = (1 + SIGNS * s) / 2
         slope = np.stack([SIGNS[:, k] / 2 * factors[:, (k + 1) % 3] * factors[:, (k + 2) % 3] for k in range(3)], axis=1)
         volume, back = _jacobian(corners.transpose(0, 2, 1) @ slope)
-        # Taylor: bubbles with the Jacobian of the middle, so that the integral of their gradients vanishes and a uniform stress does no work on them.
+        # Taylor: bubbles with the Jacobian of the middle, so that the integral of their gradients vanishes and a uniform stress does no
+        # work on them.
         bubbles = (at_middle / volume)[:, None, None] * (np.diag(-2 * s) @ inverse)
         yield np.concatenate([slope @ back, bubbles], axis=1), volume
 
@@ -98,7 +101,9 @@ def _tetrahedron_points(mesh: PadMesh) -> Iterator[tuple[FloatArray, FloatArray]
 
 
 def _jacobian(dx: FloatArray, *, either: bool = False) -> tuple[FloatArray, FloatArray]:
-    """Determinants (m,) and inverses (m, 3, 3) of dx/ds; the determinants are positive. ``either``: an element may be listed either way round."""
+    """Determinants (m,) and inverses (m, 3, 3) of dx/ds; the determinants are positive. ``either``: an element may be listed either way
+    round.
+    """
     determinant: FloatArray = np.linalg.det(dx).astype(np.float64)
     size = np.linalg.norm(dx, axis=1).prod(axis=1)
     if either:

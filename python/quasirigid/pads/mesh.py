@@ -109,7 +109,9 @@ def _held(fixed: Any, count: int) -> BoolArray:
 
 
 def _quadratic(points: FloatArray, corners: IntArray, fixed: BoolArray) -> tuple[FloatArray, IntArray, BoolArray]:
-    """Tetrahedra with a node in the middle of every edge: with corners alone they are far too stiff in bending, and lock where Poisson's ratio nears 1/2."""
+    """Tetrahedra with a node in the middle of every edge: with corners alone they are far too stiff in bending, and lock where Poisson's
+    ratio nears 1/2.
+    """
     ends, number = np.unique(np.sort(corners[:, EDGES].reshape(-1, 2), axis=1), axis=0, return_inverse=True)
     elements = np.concatenate([corners, len(points) + number.reshape(-1, 6)], axis=1)
     return np.concatenate([points, points[ends].mean(axis=1)]), elements, np.concatenate([fixed, fixed[ends].all(axis=1)])

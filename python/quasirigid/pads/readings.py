@@ -30,7 +30,8 @@ def shares(surface: Surface) -> sparse.csr_matrix:
 
 
 def interpolation(mesh: PadMesh, places: FloatArray, skip: FloatArray) -> tuple[sparse.csr_matrix, FloatArray]:
-    """How points (p, 3) m move with the nodes of the boundary nearest to them: weights (p, n), which sum to 1 for each, and their distances (p,) m.
+    """How points (p, 3) m move with the nodes of the boundary nearest to them: weights (p, n), which sum to 1 for each, and their distances
+    (p,) m.
 
     Faces with all nodes within ``skip[k]`` (3,) m of the plane ``x[k] = 0`` are no boundary; a negative one leaves none out.
     """
@@ -49,7 +50,9 @@ def interpolation(mesh: PadMesh, places: FloatArray, skip: FloatArray) -> tuple[
 
 
 def _nearest(triangles: FloatArray, places: FloatArray) -> tuple[IntArray, FloatArray]:
-    """The nearest of the triangles (t, 3, 3) for each of the points (p, 3), and the barycentric coordinates (p, 3) of the nearest place on it."""
+    """The nearest of the triangles (t, 3, 3) for each of the points (p, 3), and the barycentric coordinates (p, 3) of the nearest place on
+    it.
+    """
     number, best = np.zeros(len(places), dtype=np.int64), np.zeros((len(places), 3))
     chunk = max(1, 200_000 // len(triangles))
     for start in range(0, len(places), chunk):
