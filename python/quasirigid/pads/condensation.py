@@ -14,7 +14,7 @@ from quasirigid.arrays.types import BoolArray, FloatArray, IntArray
 from quasirigid.errors import InvalidValueError
 from quasirigid.pads.elements import stiffness
 from quasirigid.pads.mesh import PadMesh, pad_mesh
-from quasirigid.pads.readings import interpolation, shares
+from quasirigid.pads.readings import cells, interpolation
 
 __all__ = ["condense"]
 
@@ -60,9 +60,8 @@ def condense(
         surface: what touches; its points and control points lie on the boundary of the mesh.
         mirrors: ``"x"``, ``"y"``, ``"xy"`` and so on: the mesh is the half, quarter or eighth of the pad where these coordinates are >= 0,
             and the pad its own mirror image in each of these planes. Four to sixteen times as fast.
-        load: what the force on a control point is. ``"area"``: a pressure on all of its area, and the mean displacement of that area (of
-            the surface points that are nearest to it, so these should be no further apart than the nodes); what comes out hardly depends
-            on how fine the mesh is. ``"point"``: a force on the one point, for control points that are nodes of the mesh, as far apart as
+        load: what the force on a control point is. ``"area"``: a pressure on all of its area (that of the surface points nearest to
+            it), and the mean displacement of that area; what comes out hardly depends on how fine the mesh is. ``"point"``: a force on the one point, for control points that are nodes of the mesh, as far apart as
             these: the finer, the deeper it sinks in.
         within: how far off the boundary of the mesh a control point or a surface point may be, m; without it half the spacing of the
             control points.
@@ -80,8 +79,10 @@ def condense(
     if load not in ("area", "point"):
         raise InvalidValueError("load", '"area" or "point"', repr(load), "see the documentation of condense")
     K = stiffness(mesh, young_modulus, poisson_ratio)
-    read = surface.points if load == "area" else surface.control_points
-    share = shares(surface) if load == "area" else sparse.identity(len(read), format="csr")
+    if load == "area":
+        read, share = cells(mesh, surface)
+    else:
+        read, share = surface.control_points, sparse.identity(len(surface.control_points), format="csr")
     tolerance = np.full(3, -1.0)
     tolerance[axes] = 1e-9 * np.ptp(mesh.points, axis=0).max()
     places = read.copy()

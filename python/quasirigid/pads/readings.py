@@ -10,23 +10,48 @@ from quasirigid._quasirigid import Surface
 from quasirigid.arrays.types import FloatArray, IntArray
 from quasirigid.pads.mesh import PadMesh
 
-__all__ = ["interpolation", "shares"]
+__all__ = ["cells", "interpolation"]
 
 
-def shares(surface: Surface) -> sparse.csr_matrix:
-    """(control points, points of the surface): what share of the area of a control point each point stands for; rows sum to 1.
+FINEST = 8
+"""A surface point is spread over at most so many places along either side of what it stands for."""
 
-    A point belongs to the control point that is nearest.
+
+def cells(mesh: PadMesh, surface: Surface) -> tuple[FloatArray, sparse.csr_matrix]:
+    """Places (q, 3) m that cover the surface, two to each face of the mesh or more, and what share (m, q) of a control point each stands
+    for.
+
+    A surface point belongs to the control point that is nearest, and stands for a square of its area, across its normal, with places spread
+    over it evenly. Points alone would be forces on single nodes where the mesh is finer than they are, and sink in without bound as it is
+    made finer. Shares of a control point sum to 1.
     """
     owner = cKDTree(surface.control_points).query(surface.points)[1]
-    count = len(surface.control_points)
-    areas = sparse.csr_matrix((surface.areas, (owner, np.arange(len(owner)))), shape=(count, len(owner)))
-    total = np.asarray(areas.sum(axis=1)).ravel()
-    nearest = cKDTree(surface.points).query(surface.control_points)[1]
-    alone = np.flatnonzero(total == 0)  # nearest to no point: the other way round
-    areas = areas + sparse.csr_matrix((np.ones(len(alone)), (alone, nearest[alone])), shape=areas.shape)
-    total[alone] = 1.0
-    return sparse.csr_matrix(sparse.diags(1 / total) @ areas)
+    areas, normals = surface.areas.copy(), surface.normals
+    alone = np.setdiff1d(
+        np.arange(len(surface.control_points)), owner
+    )  # nearest to no point: themselves, without taking any area from others
+    points = np.concatenate([surface.points, surface.control_points[alone]])
+    owner, areas = np.concatenate([owner, alone]), np.concatenate([areas, surface.control_areas[alone]])
+    normals = np.concatenate([normals, surface.control_normals[alone]])
+    sides = np.sqrt(areas)
+    corners = mesh.points[mesh.boundary[:, :4] if mesh.boundary.shape[1] == 4 else mesh.boundary[:, :3]]
+    edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).min(axis=1)
+    nearest = cKDTree(corners.mean(axis=1)).query(points)[1]
+    apiece = int(np.clip(np.ceil(2 * (sides / edge[nearest]).max() - 1e-6), 1, FINEST))
+    # Two directions across the normal: along x of the body as nearly as can be, so that grids along the axes stay grids.
+    first = np.eye(3)[np.where(abs(normals[:, 0]) < 0.9, 0, 1)]
+    first -= (first * normals).sum(axis=1, keepdims=True) * normals
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(normals, first)
+    offsets = (np.arange(apiece) + 0.5) / apiece - 0.5
+    u, v = (axis.ravel() for axis in np.meshgrid(offsets, offsets))
+    across = u[:, None] * first[:, None] + v[:, None] * second[:, None]  # (points, apiece^2, 3), in sides
+    places = (points[:, None] + sides[:, None, None] * across).reshape(-1, 3)
+    weights = np.repeat(areas, apiece**2) / apiece**2
+    owners = np.repeat(owner, apiece**2)
+    total = np.bincount(owners, weights)
+    share = sparse.csr_matrix((weights / total[owners], (owners, np.arange(len(owners)))), shape=(len(total), len(owners)))
+    return places, share
 
 
 def interpolation(mesh: PadMesh, places: FloatArray, skip: FloatArray) -> tuple[sparse.csr_matrix, FloatArray]:
