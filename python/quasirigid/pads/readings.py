@@ -77,21 +77,39 @@ def interpolation(mesh: PadMesh, places: FloatArray, skip: FloatArray) -> tuple[
 def _nearest(triangles: FloatArray, places: FloatArray) -> tuple[IntArray, FloatArray]:
     """The nearest of the triangles (t, 3, 3) for each of the points (p, 3), and the barycentric coordinates (p, 3) of the nearest place on
     it.
+
+    Those with the nearest middles are tried first. No other is nearer than its middle is, less its radius; where that does not settle it,
+    all are tried.
     """
-    number, best = np.zeros(len(places), dtype=np.int64), np.zeros((len(places), 3))
-    chunk = max(1, 200_000 // len(triangles))
-    for start in range(0, len(places), chunk):
-        part = slice(start, start + chunk)
-        L = _closest(triangles, places[part])
-        on = np.einsum("ptk,tkx->ptx", L, triangles)
-        found = ((on - places[part, None]) ** 2).sum(axis=2).argmin(axis=1)
-        number[part], best[part] = found, L[np.arange(len(found)), found]
+    middles = triangles.mean(axis=1)
+    radius = np.linalg.norm(triangles - middles[:, None], axis=2).max(axis=1)
+    tree, count = cKDTree(middles), min(24, len(triangles))
+    reach = tree.query(places)[0].max()
+    near = cKDTree(places).query(middles)[0] <= reach + radius  # all others are further from every point than the nearest middle
+    distance, candidates = tree.query(places, count)
+    distance, candidates = distance.reshape(-1, count), candidates.reshape(-1, count)
+    number, best, away = _best(triangles, candidates, places)
+    unsettled = np.flatnonzero(away > distance[:, -1] - radius[near].max()) if count < len(triangles) else np.zeros(0, np.int64)
+    others = np.flatnonzero(near)
+    step = max(1, 200_000 // len(others))
+    for start in range(0, len(unsettled), step):
+        part = unsettled[start : start + step]
+        number[part], best[part], _ = _best(triangles, np.broadcast_to(others, (len(part), len(others))), places[part])
     return number, best
 
 
+def _best(triangles: FloatArray, candidates: IntArray, places: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Of the candidates (p, c) of each point (p, 3): the nearest triangle, the place on it, and how far that is."""
+    tried = triangles[candidates]  # (p, c, 3, 3)
+    L = _closest(tried, places)
+    distance = np.linalg.norm((L[..., None] * tried).sum(axis=2) - places[:, None], axis=2)
+    found, all_points = distance.argmin(axis=1), np.arange(len(places))
+    return candidates[all_points, found], L[all_points, found], distance[all_points, found]
+
+
 def _closest(triangles: FloatArray, places: FloatArray) -> FloatArray:
-    """Barycentric coordinates (p, t, 3) of the place on every triangle that is closest to every point."""
-    a, b, c = triangles.transpose(1, 0, 2)
+    """Barycentric coordinates (p, c, 3) of the place on each of the triangles (p, c, 3, 3) that is closest to the point (p, 3)."""
+    a, b, c = triangles[:, :, 0], triangles[:, :, 1], triangles[:, :, 2]
     ab, ac = b - a, c - a
     ap = places[:, None] - a
     bb, cc, bc = (ab * ab).sum(-1), (ac * ac).sum(-1), (ab * ac).sum(-1)
@@ -101,7 +119,7 @@ def _closest(triangles: FloatArray, places: FloatArray) -> FloatArray:
     inside = np.stack([1 - v - w, v, w], axis=-1)
     best, least = inside, np.where((inside >= 0).all(axis=-1), -1.0, np.inf)
     for k in range(3):  # on the edge from corner k to the next
-        p, q = triangles[:, k], triangles[:, (k + 1) % 3]
+        p, q = triangles[:, :, k], triangles[:, :, (k + 1) % 3]
         t = np.clip(((places[:, None] - p) * (q - p)).sum(-1) / np.maximum(((q - p) ** 2).sum(-1), 1e-300), 0, 1)
         away = ((places[:, None] - p - t[..., None] * (q - p)) ** 2).sum(-1)
         edge = np.zeros_like(inside)
