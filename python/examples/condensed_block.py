@@ -3,23 +3,20 @@
     python python/examples/condensed_block.py
 
 A surface knows nothing of what lies below it but its compliance: how far each control point gives under a force at each. For a
-finite-element model that is a part of the inverse of its stiffness matrix, and any symmetric positive semidefinite matrix will do. Here it
-is a block of bricks, clamped at the bottom; the control points are nodes of its top.
+finite-element model that is a part of the inverse of its stiffness matrix, which `quasirigid.pads.condense` works out from a mesh. Here it is a block of
+bricks, clamped at the bottom; the control points are nodes of its top.
 
-A block is stiffer than a half-space because it ends: by 6 % at 16 contact radii deep, 27 % at 4. In its middle that is a sinking that is
-missing everywhere alike. A linear load case tells how much, without any contact; pressed as much deeper, the half-space model has the same
-force and the same pressures.
+A block is stiffer than a half-space because it ends: by 6 % at 16 contact radii deep, 27 % at 4. In its middle that is a sinking that is missing everywhere alike.
+A linear load case tells how much, without any contact; pressed as much deeper, the half-space model has the same force and the same pressures.
 """
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg, sparse
 
 import quasirigid as qr
 
@@ -34,11 +31,9 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Quarter:
-    """The quarter x, y >= 0 of a block of bricks below z = 0: coordinates (m) of the planes of nodes along each axis, ascending; z ends at
-    0.
+    """The quarter x, y >= 0 of a block of bricks below z = 0: coordinates (m) of the planes of nodes along each axis, ascending; z ends at 0.
 
-    The block is its own mirror image in x = 0 and in y = 0, so a displacement is the sum of four that are even or odd in either, and each
-    of those needs a quarter of the nodes.
+    The block is its own mirror image in x = 0 and in y = 0, which saves most of the work.
     """
 
     x: Array
@@ -47,82 +42,21 @@ class Quarter:
 
     @classmethod
     def graded(cls, depth: float, steps: int) -> Quarter:
-        """Of a block ``depth`` m deep and twice as wide: around the patch elements of ``FINE / steps`` m, half as high, then growing
-        outwards by half.
-        """
+        """Of a block ``depth`` m deep and twice as wide: around the patch elements of ``FINE / steps`` m, half as high, then growing outwards by half."""
         element = FINE / steps
         out = _graded(depth, element, steps)
         return cls(STRETCH * out, out, -_graded(depth, element / 2, 2 * steps)[::-1])
 
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Nodes along x, y and z; node (i, j, k) has the number ``(i * ny + j) * nz + k``."""
-        return len(self.x), len(self.y), len(self.z)
+    def points(self) -> Array:
+        """(nodes, 3) m."""
+        return np.stack([axis.ravel() for axis in np.meshgrid(self.x, self.y, self.z, indexing="ij")], axis=1)
 
-    def corners(self) -> npt.NDArray[np.intp]:
-        """Numbers of the 8 nodes of every brick, (bricks, 8): the last axis runs over (0 or 1) along x, then y, then z."""
-        nx, ny, nz = self.shape
-        number = np.arange(nx * ny * nz).reshape(nx, ny, nz)
+    def bricks(self) -> npt.NDArray[np.intp]:
+        """(bricks, 8) numbers of the nodes of every brick: around its lower face, and around its upper one."""
+        number = np.arange(len(self.x) * len(self.y) * len(self.z)).reshape(len(self.x), len(self.y), len(self.z))
         ends = [slice(None, -1), slice(1, None)]
-        return np.stack([number[i, j, k].ravel() for i in ends for j in ends for k in ends], axis=1)
-
-    def stiffness(self, young_modulus: float, poisson_ratio: float) -> sparse.csc_matrix:
-        """Stiffness matrix of linear elasticity, N/m: 2 x 2 x 2 Gauss points in every brick.
-
-        Trilinear bricks with the three bubbles ``1 - s^2`` for each component besides (Wilson's incompatible modes, which pass the patch
-        test on rectangular bricks), so that strains vary linearly within a brick; the bubbles are eliminated brick by brick.
-        """
-        lame = young_modulus * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
-        shear = young_modulus / (2 * (1 + poisson_ratio))
-        steps = np.meshgrid(*(np.diff(axis) for axis in (self.x, self.y, self.z)), indexing="ij")
-        size = np.stack([step.ravel() for step in steps], axis=1)  # (bricks, 3) m
-        sign = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
-        # Stress (xx, yy, zz, yz, zx, xy) over strain, with engineering shears.
-        elasticity = np.diag([2.0 * shear] * 3 + [shear] * 3)
-        elasticity[:3, :3] += lame
-        element = np.zeros((len(size), 33, 33))
-        for gauss in sign / np.sqrt(3):
-            # Shape function of corner a: prod_k (1 + s_ak g_k)/2, of bubble k: 1 - g_k^2; their gradients, 1/m, in a brick of this size.
-            factors = (1 + sign * gauss) / 2
-            gradient = np.stack([sign[:, k] / 2 * factors[:, (k + 1) % 3] * factors[:, (k + 2) % 3] for k in range(3)], axis=1)
-            g = 2 * np.concatenate([gradient, np.diag(-2 * gauss)]) / size[:, None, :]
-            strain = np.zeros((len(size), 6, 11, 3))
-            for k in range(3):
-                strain[:, k, :, k] = g[:, :, k]
-                strain[:, 3 + k, :, (k + 1) % 3] = g[:, :, (k + 2) % 3]
-                strain[:, 3 + k, :, (k + 2) % 3] = g[:, :, (k + 1) % 3]
-            b = strain.reshape(len(size), 6, 33)
-            element += (size.prod(axis=1) / 8)[:, None, None] * (b.transpose(0, 2, 1) @ (elasticity @ b))
-        bubbles = element[:, 24:, :24]
-        element = element[:, :24, :24] - bubbles.transpose(0, 2, 1) @ np.linalg.solve(element[:, 24:, 24:], bubbles)
-        unknowns = (3 * self.corners()[:, :, None] + np.arange(3)).reshape(len(size), 24)
-        rows, columns = np.repeat(unknowns, 24, axis=1).ravel(), np.tile(unknowns, 24).ravel()
-        n = 3 * int(np.prod(self.shape))
-        return sparse.csc_matrix((element.reshape(-1), (rows, columns)), shape=(n, n))
-
-    def free(self, parity: tuple[int, int]) -> npt.NDArray[np.bool_]:
-        """Which of the (nx ny, 3) unknowns of a layer can move if the displacement is even (1) or odd (-1) in x and y.
-
-        Even in x means that u_y and u_z are the same on both sides and u_x is opposite, so u_x = 0 on the mirror; odd is the other way
-        round.
-        """
-        on_mirror = [np.repeat(self.x == 0, len(self.y)), np.tile(self.y == 0, len(self.x))]
-        held = [[on_mirror[axis] & ((parity[axis] > 0) == (k == axis)) for axis in (0, 1)] for k in range(3)]
-        return np.stack([~(x | y) for x, y in held], axis=1)
-
-    def condensed(self, stiffness: sparse.csc_matrix, free: npt.NDArray[np.bool_]) -> Array:
-        """Stiffness of the free unknowns of the top, N/m, with the bottom clamped and the nodes between left to themselves.
-
-        Static condensation, a layer of nodes at a time from the bottom up: what lies below the layer k gives it the stiffness
-        ``S_k = K_kk - K_k,k-1 S_k-1^-1 K_k-1,k``, where K_kk holds the bricks on either side of the layer.
-        """
-        nx, ny, nz = self.shape
-        layer = [(3 * (np.arange(nx * ny) * nz + k)[:, None] + np.arange(3))[free] for k in range(nz)]
-        top = stiffness[layer[1]][:, layer[1]].toarray()
-        for below, above in pairwise(layer[1:]):
-            up = stiffness[below][:, above]
-            top = stiffness[above][:, above].toarray() - up.T @ (_inverse(top) @ up)
-        return np.asarray(top)
+        around = [(0, 0), (1, 0), (1, 1), (0, 1)]
+        return np.stack([number[ends[i], ends[j], k].ravel() for k in ends for i, j in around], axis=1)
 
 
 def _graded(length: float, element: float, steps: int) -> Array:
@@ -135,40 +69,26 @@ def _graded(length: float, element: float, steps: int) -> Array:
     return np.concatenate([inner, inner[-1] + np.cumsum(outer) * left / sum(outer)])
 
 
-def _inverse(stiffness: Array) -> Array:
-    """Inverse of a symmetric positive definite matrix."""
-    factor, _ = linalg.lapack.dpotrf(stiffness, lower=True)
-    inverse, _ = linalg.lapack.dpotri(factor, lower=True)
-    return np.asarray(np.tril(inverse) + np.tril(inverse, -1).T)
-
-
 def condensed(block: Quarter, surface: qr.Surface, young_modulus: float, poisson_ratio: float) -> Array:
-    """Compliance (3m, 3m) m/N of the top of a block, clamped at its bottom, over the m control points of a surface: they are nodes of the
-    top.
+    """Compliance (3m, 3m) m/N of the top of a block, clamped at its bottom, over the m control points of a surface: they are nodes of the top.
 
-    ``C = N K^-1 N^T``, with ``N`` picking the nodes, falls into four parts, even or odd in x and y; ``K`` of the whole block is four times
-    that of the quarter. A force on a node is the pressure of its shape function: the surface sinks in by a finite amount, the finer the
-    mesh the deeper, as under a smaller stamp.
+    A force on a node is the pressure of its shape function: the surface sinks in by a finite amount, the finer the mesh the deeper, as under a smaller stamp.
     """
-    stiffness = block.stiffness(young_modulus, poisson_ratio)
-    points = surface.control_points
-    m, (nx, ny, _) = len(points), block.shape
-    places = [np.abs(planes[:, None] - abs(points[:, axis])).argmin(axis=0) for axis, planes in enumerate((block.x, block.y))]
-    compliance = np.zeros((3 * m, 3 * m))
-    for parity in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-        pick = np.zeros((m, 3, nx * ny, 3))
-        for k in range(3):
-            sides = [np.where(points[:, axis] < -1e-9, -parity[axis] if k == axis else parity[axis], 1.0) for axis in (0, 1)]
-            pick[np.arange(m), k, places[0] * ny + places[1], k] = sides[0] * sides[1]
-        free = block.free(parity)
-        n = pick.reshape(3 * m, -1)[:, free.ravel()]
-        compliance += n @ (_inverse(block.condensed(stiffness, free)) @ n.T) / 4
-    return compliance
+    points = block.points()
+    return qr.pads.condense(
+        points,
+        block.bricks(),
+        young_modulus=young_modulus,
+        poisson_ratio=poisson_ratio,
+        fixed=points[:, 2] == block.z[0],
+        surface=surface,
+        mirrors="xy",
+        load="point",
+    ).matrix
 
 
 def top_surface(steps: int) -> qr.Surface:
-    """The piece of the top that the ball may touch: a grid of ``(2 steps)^2`` control points, one for each node, and four surface points
-    around each.
+    """The piece of the top that the ball may touch: a grid of ``(2 steps)^2`` control points, one for each node, and four surface points around each.
 
     ``steps`` is a power of two, so that the tree of the surface, which halves and halves again, ends at those four.
     """
@@ -227,9 +147,7 @@ def hertz_force(depth: float = DEPTH) -> float:
 
 
 def sinking(r: Array, a: float = CONTACT_RADIUS) -> Array:
-    """How far a half-space sinks in (m) at the distances r (m) from the middle of a Hertz pressure of radius a (m) and 1 N; Johnson,
-    equations 3.42a and b.
-    """
+    """How far a half-space sinks in (m) at the distances r (m) from the middle of a Hertz pressure of radius a (m) and 1 N; Johnson, equations 3.42a and b."""
     out = np.maximum(r, a)
     inside = np.pi / 2 * (2 * a**2 - r**2)
     outside = (2 * a**2 - r**2) * np.arcsin(a / out) + a * np.sqrt(out**2 - a**2)
@@ -239,9 +157,8 @@ def sinking(r: Array, a: float = CONTACT_RADIUS) -> Array:
 def held_back(compliance: Array, surface: qr.Surface) -> tuple[float, float]:
     """A block under a Hertz pressure of 1 N beside a half-space: linear, without any contact.
 
-    A block that ends somewhere sinks in less, and in its middle by nearly the same everywhere: what is missing is made far from the load.
-    Returns how much (m/N, mean over the load), and how far the shape of the dent in the inner three quarters of the load is off beside
-    that, as a share of its depth.
+    A block that ends somewhere sinks in less, and in its middle by nearly the same everywhere: what is missing is made far from the load. Returns how much (m/N, mean
+    over the load), and how far the shape of the dent in the inner three quarters of the load is off beside that, as a share of its depth.
     """
     r = np.hypot(surface.control_points[:, 0], surface.control_points[:, 1])
     side = np.sqrt(surface.control_areas[0] / STRETCH)
@@ -286,9 +203,7 @@ class Comparison:
 
 
 def compare(depth: float, steps: int = 8) -> Comparison:
-    """Presses the ball into a block ``depth`` contact radii deep, and into the half-space model; ``steps`` bricks from the middle of the
-    top to the border of what is touched.
-    """
+    """Presses the ball into a block ``depth`` contact radii deep, and into the half-space model; ``steps`` bricks from the middle of the top to the border of what is touched."""
     surface, material = top_surface(steps), block_material()
     block = Quarter.graded(depth * CONTACT_RADIUS, steps)
     matrix = condensed(block, surface, YOUNG_MODULUS, POISSON_RATIO)
@@ -306,8 +221,7 @@ def main() -> None:
     parser.add_argument("--depths", type=float, nargs="+", default=[4, 8, 16], help="of the blocks, contact radii (4 8 16)")
     options = parser.parse_args()
     print(
-        f"a ball of {RADIUS * 1e3:g} mm pressed {DEPTH * 1e3:g} mm into blocks; "
-        f"contact radius {CONTACT_RADIUS * 1e3:.2f} mm, depths in contact radii"
+        f"a ball of {RADIUS * 1e3:g} mm pressed {DEPTH * 1e3:g} mm into blocks; contact radius {CONTACT_RADIUS * 1e3:.2f} mm, depths in contact radii"
     )
     print("depth  force of Hertz  held back by the ends  force of the half-space, pressed deeper  pressure off  dent off")
     for depth in options.depths:

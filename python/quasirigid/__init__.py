@@ -126,7 +126,7 @@ _MODULE_OF = {
     "record": "recording.world_recorder",
     "solve_contacts": "solver",
 }
-_MODULES = ("grasp", "mocap", "objects", "recording", "solver", "view")
+_MODULES = ("grasp", "mocap", "objects", "pads", "recording", "solver", "view")
 """Modules that need not be imported by name."""
 
 

@@ -222,6 +222,7 @@ PACKAGE_ORDER = [
     "scene",
     "objects",
     "solver",
+    "pads",
     "net",
     "system",
     "units",
