@@ -36,7 +36,7 @@ STAGES: tuple[str, str, str, str, str]
 ``free_motion, collision, contact_problem, gauss_seidel, constrained_motion``."""
 
 Motion = Literal["inertial", "quasi-static", "fixed"]
-Compliance = Literal["local", "half-space"]
+Compliance = Literal["local", "half-space", "layer"]
 FrictionRule = Literal["geometric-mean", "minimum", "maximum", "mean", "product"]
 FloatArray = npt.NDArray[np.float64]
 
@@ -247,8 +247,11 @@ class Material:
     ) -> Material:
         """A copy with the fields given changed. Raises ``InvalidValueError`` for a figure no material has.
 
-        ``compliance`` is ``"local"``, ``"half-space"``, or a matrix of your own for one surface: see ``ComplianceMatrix``. Young's modulus,
-        Poisson's ratio and layer thickness have no effect on a matrix.
+        ``compliance`` is ``"local"``, ``"half-space"``, ``"layer"`` (an elastic layer bonded to a rigid backing, Poisson's ratio at
+        most 0.499), or a matrix of your own for one surface: see ``ComplianceMatrix``. Young's modulus, Poisson's ratio and layer
+        thickness have no effect on a matrix.
+
+        >>> gel = Material.preset("silicone").replace(young_modulus=0.435e6, layer_thickness=4e-3, compliance="layer")
         """
     @property
     def name(self) -> str: ...
@@ -269,13 +272,15 @@ class Material:
         """Without unit, in (-1, 0.5)."""
     @property
     def layer_thickness(self) -> float:
-        """Thickness of the soft layer, m (used by the local compliance)."""
+        """Thickness of the soft layer, m (not used by the half-space and by matrices)."""
     @property
     def relaxation_time(self) -> float:
         """Viscoelastic time constant of the surface, s."""
     @property
-    def compliance(self) -> Literal["local", "half-space", "matrix"]:
-        """``"local"`` (Gaussian, Le Garrec et al. 2006), ``"half-space"`` (Boussinesq and Cerruti) or ``"matrix"`` (your own)."""
+    def compliance(self) -> Literal["local", "half-space", "layer", "matrix"]:
+        """``"local"`` (Gaussian, Le Garrec et al. 2006), ``"half-space"`` (Boussinesq and Cerruti), ``"layer"`` (bonded to a rigid
+        backing) or ``"matrix"`` (your own).
+        """
     @property
     def compliance_matrix(self) -> ComplianceMatrix | None:
         """The matrix, where ``compliance`` is ``"matrix"``."""

@@ -25,9 +25,10 @@ fn model(value: &Bound<'_, PyAny>, material: &quasirigid::collider::Material) ->
     match value.extract::<&str>() {
         Ok("local") => material.local().or_raise(py),
         Ok("half-space") => Ok(ComplianceModel::HalfSpace),
+        Ok("layer") => Ok(ComplianceModel::Layer),
         Ok(other) => {
             let hint = "choose one of them, or give a matrix";
-            Err(to_py(py, &Error::unknown("compliance", "\"local\" or \"half-space\"", format!("{other:?}"), hint)))
+            Err(to_py(py, &Error::unknown("compliance", "\"local\", \"half-space\" or \"layer\"", format!("{other:?}"), hint)))
         }
         Err(_) => Ok(ComplianceModel::Matrix(ComplianceMatrix::new(py, value)?.engine)),
     }
@@ -133,6 +134,7 @@ impl Material {
         match self.engine.model {
             ComplianceModel::Local { .. } => "local",
             ComplianceModel::HalfSpace => "half-space",
+            ComplianceModel::Layer => "layer",
             ComplianceModel::Matrix(_) => "matrix",
         }
     }

@@ -18,6 +18,7 @@ class Compliance(str, Enum):
 
     local = "local"
     half_space = "half-space"
+    layer = "layer"
 
 
 class ObjectMotion(str, Enum):
@@ -82,7 +83,7 @@ Squeeze = Annotated[
     float | None,
     typer.Option(metavar="NEWTON", help="Of the thumb. Default: 4, more if heavy.", rich_help_panel=PHYSICS),
 ]
-ComplianceModel = Annotated[Compliance, typer.Option(metavar="MODEL", help="local or half-space.", rich_help_panel=PHYSICS)]
+ComplianceModel = Annotated[Compliance, typer.Option(metavar="MODEL", help="local, half-space or layer.", rich_help_panel=PHYSICS)]
 Support = Annotated[
     str | None,
     typer.Option(

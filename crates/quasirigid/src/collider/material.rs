@@ -22,13 +22,20 @@ pub enum ComplianceModel {
     },
     /// An elastic half-space (Boussinesq and Cerruti) with the material's Young's modulus and Poisson's ratio.
     HalfSpace,
-    /// A compliance of the user's own over the control points of one surface: a material with it is good for that surface only. The
-    /// material's Young's modulus, Poisson's ratio and layer thickness then have no effect; its relaxation time has.
+    /// An elastic layer bonded to a rigid backing, with the material's Young's modulus, Poisson's ratio (at most
+    /// 0.499) and layer thickness: the half-space close to the load, a foundation far from it.
+    Layer,
+    /// A compliance of the user's own over the control points of one surface: a material with it is good for that
+    /// surface only. The material's Young's modulus, Poisson's ratio and layer thickness then have no effect; its
+    /// relaxation time has.
     Matrix(Arc<ComplianceMatrix>),
 }
 
 /// Above this Poisson's ratio the layer is treated as if it had it; see [`ComplianceModel::layer`].
 const CONFINED_POISSON_RATIO: Real = 0.3;
+
+/// Above it the compliance of a bonded layer is no longer known to be positive definite.
+const LARGEST_LAYER_POISSON_RATIO: Real = 0.499;
 
 /// Share of the displacement that spreads to the neighbours, in models made by [`ComplianceModel::layer`].
 /// A modelling choice: half. The solver's sweeps grow steeply above 0.7.
@@ -246,8 +253,9 @@ impl Material {
     /// Refuses figures that no material has.
     ///
     /// # Errors
-    /// Non-finite numbers; density, E or thickness <= 0; relaxation time < 0; a friction that
-    /// [`Friction::check`] refuses; nu outside [0, 0.5]; a compliance model out of range.
+    /// Non-finite numbers; density, E or thickness <= 0; relaxation time < 0; a friction that [`Friction::check`]
+    /// refuses; nu outside [0, 0.5], or above
+    /// 0.499 with [`ComplianceModel::Layer`]; a compliance model out of range.
     pub fn check(&self) -> Result<()> {
         check_positive("density", self.density, "kg/m^3")?;
         self.friction.check()?;
@@ -255,6 +263,10 @@ impl Material {
         check_poisson(self.poisson_ratio)?;
         check_positive("layer thickness", self.layer_thickness, "m")?;
         check_non_negative("relaxation time", self.relaxation_time, "s")?;
+        if matches!(self.model, ComplianceModel::Layer) && self.poisson_ratio > LARGEST_LAYER_POISSON_RATIO {
+            let expected = format!("nu <= {LARGEST_LAYER_POISSON_RATIO} for a layer");
+            return Err(Error::value("Poisson's ratio", expected, self.poisson_ratio, "0.499 is as good as incompressible"));
+        }
         self.model.check()
     }
 }
@@ -288,7 +300,7 @@ mod tests {
                 let d = (0.75 * force / (stiffness * radius.sqrt())).powf(2.0 / 3.0);
                 (d, PI * radius * d)
             }
-            ComplianceModel::Matrix(_) => unreachable!(),
+            ComplianceModel::Layer | ComplianceModel::Matrix(_) => unreachable!(),
         }
     }
 

@@ -13,7 +13,7 @@ use crate::error::Result;
 use crate::math::{Real, Vec3};
 use crate::surface::implicit::{Cloud, evaluate};
 use crate::surface::sphere_tree::sphere_around;
-use crate::surface::{Compliance, HalfSpaceCompliance, LocalCompliance, Surface};
+use crate::surface::{Compliance, GreensFunction, LocalCompliance, Surface};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -320,7 +320,13 @@ pub(crate) fn compliance_of(surface: &Surface, material: &Material) -> Result<Co
         &ComplianceModel::Local { foundation_modulus, width, share } => {
             Compliance::Local(Arc::new(LocalCompliance::build(&surface.control, foundation_modulus, width, share)))
         }
-        ComplianceModel::HalfSpace => Compliance::HalfSpace(HalfSpaceCompliance::new(material.young_modulus, material.poisson_ratio)),
+        ComplianceModel::HalfSpace => {
+            Compliance::GreensFunction(GreensFunction::half_space(material.young_modulus, material.poisson_ratio))
+        }
+        ComplianceModel::Layer => {
+            let Material { young_modulus, poisson_ratio, layer_thickness, .. } = *material;
+            Compliance::GreensFunction(GreensFunction::layer(young_modulus, poisson_ratio, layer_thickness))
+        }
         ComplianceModel::Matrix(matrix) => Compliance::Matrix(matrix.clone()),
     })
 }

@@ -92,16 +92,16 @@ fn displace_b(
     forces: &[Vec3],
     to_link_b: &Rot,
 ) {
-    if let Compliance::HalfSpace(_) = &b.skin.compliance {
+    if let Compliance::GreensFunction(_) = &b.skin.compliance {
         displace_feet(pair, rows, b, scratch, patch, forces, to_link_b);
         return;
     }
-    // Left from when it was a half-space.
+    // Left from when it was a half-space or a layer.
     decay(&mut pair.fine_b, b.alpha);
     forget_small(&mut pair.fine_b);
     match &b.skin.compliance {
         Compliance::Local(local) => displace_local(&mut pair.side_b, b, local, scratch),
-        Compliance::HalfSpace(_) => {}
+        Compliance::GreensFunction(_) => {}
         Compliance::Matrix(matrix) => {
             decay(&mut pair.side_b, b.alpha);
             // The control points under the contacts make up the operator: they are exact.
@@ -115,8 +115,8 @@ fn displace_b(
     }
 }
 
-/// A half-space on side `b`: `u <- alpha u + C f` at the feet of the contacts by the rows that the solver saw;
-/// and at the control points of `b`, which show the deformation and keep it where feet move.
+/// An elastic continuum on side `b`: `u <- alpha u + C f` at the feet of the contacts by the rows that the solver
+/// saw; and at the control points of `b`, which show the deformation and keep it where feet move.
 fn displace_feet(
     pair: &mut Pair,
     rows: Option<&ElasticRows>,
@@ -240,7 +240,8 @@ fn displace_unloaded(side: &mut PatchSide, operator: &SideOperator<'_>, scratch:
                 Compliance::Matrix(matrix) => {
                     (0..matrix.control_points()).filter(|&i| matrix.reaches(i, j as usize)).for_each(|i| side.touch(i));
                 }
-                // A half-space reaches everywhere; displaced are the loaded control points and their neighbours, and whatever was.
+                // A half-space reaches everywhere, a layer far; displaced are the loaded control points and their
+                // neighbours, and whatever was.
                 _ => std::iter::once(&j).chain(skin.surface.leaf_neighbours.row(j as usize)).for_each(|&i| side.touch(i as usize)),
             }
         }
@@ -251,8 +252,8 @@ fn displace_unloaded(side: &mut PatchSide, operator: &SideOperator<'_>, scratch:
             unloaded.found_at[i] = unloaded.revision;
             unloaded.static_displacement[i] = match &skin.compliance {
                 Compliance::Local(_) => Vec3::zeros(),
-                Compliance::HalfSpace(half_space) => {
-                    let moved = |&j: &u32| half_space.block(&skin.surface.control, i, j as usize) * scratch.force[j as usize];
+                Compliance::GreensFunction(greens_function) => {
+                    let moved = |&j: &u32| greens_function.block(&skin.surface.control, i, j as usize) * scratch.force[j as usize];
                     scratch.loaded.iter().map(moved).sum()
                 }
                 Compliance::Matrix(matrix) => matrix.displacement(i, &scratch.loaded, &scratch.force),
@@ -318,7 +319,7 @@ mod tests {
     use crate::delassus::Delassus;
     use crate::free_motion::FreeMotion;
     use crate::math::Pose;
-    use crate::surface::{ComplianceMatrix, HalfSpaceCompliance, Surface, shapes};
+    use crate::surface::{ComplianceMatrix, GreensFunction, Surface, shapes};
     use crate::{Parameters, World};
     use std::sync::Arc;
 
@@ -383,7 +384,7 @@ mod tests {
         let surfaces = [ball, plate];
         let pulp = Material::preset("fingertip_pulp").unwrap();
         let models = |surface: &Surface| {
-            let dense = Compliance::HalfSpace(HalfSpaceCompliance::new(2e5, 0.3)).assembled(&surface.control);
+            let dense = Compliance::GreensFunction(GreensFunction::half_space(2e5, 0.3)).assembled(&surface.control);
             let matrix = ComplianceModel::Matrix(Arc::new(ComplianceMatrix::new(&dense).unwrap()));
             [pulp.model.clone(), ComplianceModel::HalfSpace, matrix].map(|model| pulp.clone().with_model(model).unwrap())
         };

@@ -5,9 +5,10 @@
 //! its control points (eq. 8): contact `i` gives weights `h_ik`, its force goes to them by the same
 //! weights, so the compliance between contacts `i` and `j` is `sum_kl h_ik C_kl h_jl`.
 //!
-//! A half-space on side `b` needs no interpolation, its Green's function holds between any two places: `H` is the
-//! identity there too, with the feet of the contacts in place of control points. Interpolated from the coarser
-//! side, `W` would be nearly singular: pressure in jags, and a sphere on a flat 4 % too stiff.
+//! An elastic continuum (half-space or layer) on side `b` needs no interpolation, its Green's function holds between
+//! any two places: `H` is the identity there too, with the feet of the contacts in place of control points.
+//! Interpolated from the coarser side, `W` would be nearly singular: pressure in jags, and a sphere on a flat 4 % too
+//! stiff.
 
 use super::ElasticRows;
 use super::elastic_operator::{Node, Side, SideOperator};
@@ -41,7 +42,7 @@ struct Nodes {
     /// Row of `C` under way: value of each used control point, and which are not zero.
     sum: Vec<Real>,
     touched: Vec<u32>,
-    /// Where they are, if the side is a half-space, frame of its link.
+    /// Where they are, if the side is an elastic continuum, frame of its link.
     places: Vec<Loaded>,
 }
 
@@ -59,8 +60,8 @@ impl Scratch {
         for (nodes, side) in self.nodes.iter_mut().zip(sides) {
             nodes.index(patch, side);
             nodes.places.clear();
-            if matches!(side.skin.compliance, Compliance::HalfSpace(_)) && !nodes.used.is_empty() {
-                nodes.places.extend(patch.iter().map(|contact| side.half_space_node(contact, to_link_b)));
+            if matches!(side.skin.compliance, Compliance::GreensFunction(_)) && !nodes.used.is_empty() {
+                nodes.places.extend(patch.iter().map(|contact| side.loaded_node(contact, to_link_b)));
             }
         }
         resize_at_least(&mut self.row, patch.len(), 0.0);
@@ -99,14 +100,14 @@ impl Scratch {
                     }
                     nodes.touched.clear();
                 }
-                Compliance::HalfSpace(half_space) => {
+                Compliance::GreensFunction(greens_function) => {
                     let own = &nodes.places[i];
                     for (j, other) in nodes.places.iter().enumerate() {
-                        // A half-space is reciprocal: what lies left of the diagonal is known.
+                        // The operator is reciprocal: what lies left of the diagonal is known.
                         tensor[j] = match j.cmp(&i) {
                             Ordering::Less => rows.mirrored(index, i, j),
-                            Ordering::Equal => rotated(half_space.self_block(&own.normal, patch[i].inverse_distance(sides[0].skin))),
-                            Ordering::Greater => rotated(half_space.block_between(own, other)),
+                            Ordering::Equal => rotated(greens_function.self_block(own, patch[i].inverse_distance(sides[0].skin))),
+                            Ordering::Greater => rotated(greens_function.block_between(own, other)),
                         };
                     }
                     rows.add_tensors(index, tensor);

@@ -7,9 +7,9 @@
 //!     delta = H u                           displacement at the contacts, m        W_deform = H C H^T
 //! ```
 //!
-//! `f`: reactions on this side, N; `C = K^-1 (1 - alpha)`: compliance over the step between the nodes,
-//! m/N; `H`: contacts from nodes (paper eq. 8). Nodes are control points. A half-space on side `b` is
-//! the exception: its nodes are the feet of the contacts, see [`super::elastic`].
+//! `f`: reactions on this side, N; `C = K^-1 (1 - alpha)`: compliance over the step between the nodes, m/N; `H`:
+//! contacts from nodes (paper eq. 8). Nodes are control points. An elastic continuum (half-space or layer) on side
+//! `b` is the exception: its nodes are the feet of the contacts, see [`super::elastic`].
 
 use crate::collider::Skin;
 use crate::math::{Mat3, Real, Vec3};
@@ -90,11 +90,11 @@ impl<'a> SideOperator<'a> {
         *matrix.block(k, l)
     }
 
-    /// The node of a contact on a half-space, frame of the link. `to_link_b`: rotation from the world to the link of `b`.
-    pub fn half_space_node(&self, contact: &Contact, to_link_b: &Mat3) -> Loaded {
+    /// The node of a contact on an elastic continuum, frame of the link. `to_link_b`: rotation from the world to the link of `b`.
+    pub fn loaded_node(&self, contact: &Contact, to_link_b: &Mat3) -> Loaded {
         let (control, c) = (&self.skin.surface.control, contact.control_point as usize);
         match self.side {
-            Side::A => Loaded { point: control.points[c], normal: control.normals[c], area: control.areas[c] },
+            Side::A => Loaded { point: control.points[c], normal: control.normals[c], area: contact.area },
             Side::B => contact.foot_on_b(to_link_b),
         }
     }

@@ -30,8 +30,10 @@ const LEAST_COVER: Real = 0.85;
 /// Own term of a regular grid over that of a disc of the same area (square 1.1002, hexagonal 1.1061), and the bounds
 /// within which uneven points may take it: below them the compliance could lose its positive definiteness.
 const GRID_OVER_DISC: Real = 1.1;
-const LEAST_OVER_DISC: Real = 0.8;
-const MOST_OVER_DISC: Real = 1.4;
+const LEAST_OVER_DISC: Real = 1.0;
+pub(super) const MOST_OVER_DISC: Real = 1.6;
+/// Distance over the sum of the radii of the discs that two points stand for, below which their Green's function does not grow any more.
+pub(super) const CLOSEST_OVER_RADII: Real = 0.7;
 
 /// Control points of one surface, in its body's frame. Index = leaf index.
 #[derive(Debug, Clone, Default)]
@@ -237,7 +239,7 @@ pub(crate) fn inverse_distances(points: &[Vec3], normals: &[Vec3], areas: &[Real
             for ((j, distance2), window) in some.iter().zip(exp_minus(q).0) {
                 let weight = areas[*j as usize] * window;
                 // As near as the Green's function lets them come.
-                sum += weight / distance2.sqrt().max(0.5 * (radius(i) + radius(*j as usize)));
+                sum += weight / distance2.sqrt().max(CLOSEST_OVER_RADII * (radius(i) + radius(*j as usize)));
                 covered += weight;
             }
         }

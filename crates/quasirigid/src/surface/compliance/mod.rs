@@ -1,20 +1,22 @@
 //! Compliance of a surface between its control points: the displacement of point `i` under a force at point `j` (design 3.3).
 //!
-//! Two models and a user's own matrix. All are symmetric positive semidefinite, constant in the body's frame,
-//! and hold the *static* compliance `K^-1` (m/N). Damping proportional to stiffness, `D = tau K`, makes the
-//! compliance over one step `C = (K + D/dt)^-1 = K^-1 (1 - alpha)` with `alpha = tau/(tau + dt)`, and the
-//! elastic displacement that would be left without force `u_free = alpha u_previous`.
+//! Three models (local, half-space, layer) and a user's own matrix. All are symmetric positive semidefinite, constant
+//! in the body's frame, and hold the *static* compliance `K^-1` (m/N). Damping proportional to stiffness, `D = tau
+//! K`, makes the compliance over one step `C = (K + D/dt)^-1 = K^-1 (1 - alpha)` with `alpha = tau/(tau + dt)`, and
+//! the elastic displacement that would be left without force `u_free = alpha u_previous`.
 
+mod bonded_layer;
+mod greens_function;
 pub mod matrix;
 
+pub use greens_function::{GreensFunction, Loaded};
 pub use matrix::ComplianceMatrix;
 
-use crate::math::{Mat3, Real, Vec3};
+use crate::math::{Mat3, Real};
 use crate::surface::control_points::ControlPoints;
 use crate::surface::search::neighbours::NeighbourGrid;
 use crate::surface::surface_model::Rows;
 use nalgebra::DMatrix;
-use std::f64::consts::PI;
 use std::sync::Arc;
 
 /// The Gaussian of the local model is cut here, in widths sigma: exp(-6.25) = 0.002 of its peak. What is cut off stays well
@@ -26,8 +28,8 @@ const GAUSSIAN_CUT: Real = 2.5;
 pub enum Compliance {
     /// The paper's model: a Gaussian of influence and a local share; isotropic, so one number for each pair.
     Local(Arc<LocalCompliance>),
-    /// The surface Green's function of an elastic half-space.
-    HalfSpace(HalfSpaceCompliance),
+    /// The surface Green's function of an elastic half-space, or of a layer on a rigid backing.
+    GreensFunction(GreensFunction),
     /// A matrix that the user supplied.
     Matrix(Arc<ComplianceMatrix>),
 }
@@ -43,15 +45,6 @@ pub struct LocalCompliance {
     local_share: Real,
 }
 
-/// Half-space model.
-#[derive(Debug, Clone, Copy)]
-pub struct HalfSpaceCompliance {
-    /// Shear modulus G = E / (2 (1 + nu)), Pa.
-    pub shear_modulus: Real,
-    /// Poisson's ratio nu.
-    pub poisson_ratio: Real,
-}
-
 impl Compliance {
     /// Displacement of the surface under a uniform pressure of 1 Pa on a patch of `area` (m^2), m/Pa. A figure to compare surfaces by.
     pub fn patch_compliance(&self, control: &ControlPoints, area: Real) -> Real {
@@ -60,8 +53,7 @@ impl Compliance {
             Self::Local(local) => {
                 local.neighbours.range(0).map(|e| local.values[e] * control.areas[local.neighbours.index[e] as usize]).sum()
             }
-            // Centre of a uniformly loaded disc.
-            Self::HalfSpace(half_space) => (1.0 - half_space.poisson_ratio) * (area / PI).sqrt() / half_space.shear_modulus,
+            Self::GreensFunction(greens_function) => greens_function.patch_compliance(area),
             Self::Matrix(matrix) => matrix.patch_compliance(control, area),
         }
     }
@@ -72,7 +64,7 @@ impl Compliance {
         let n = control.len();
         let block = |i: usize, j: usize| match self {
             Self::Local(local) => Mat3::identity() * local.value(i, j),
-            Self::HalfSpace(half_space) => half_space.block(control, i, j),
+            Self::GreensFunction(greens_function) => greens_function.block(control, i, j),
             Self::Matrix(matrix) => *matrix.block(i, j),
         };
         let mut assembled = DMatrix::zeros(3 * n, 3 * n);
@@ -83,17 +75,6 @@ impl Compliance {
         }
         assembled
     }
-}
-
-/// A place on a half-space that carries load.
-#[derive(Debug, Clone, Copy)]
-pub struct Loaded {
-    /// Where it is on the undeformed surface, m.
-    pub point: Vec3,
-    /// Outward unit normal there.
-    pub normal: Vec3,
-    /// Area that the load is spread over, m^2.
-    pub area: Real,
 }
 
 impl LocalCompliance {
@@ -157,68 +138,10 @@ impl LocalCompliance {
     }
 }
 
-impl HalfSpaceCompliance {
-    /// From Young's modulus (Pa) and Poisson's ratio.
-    pub fn new(young_modulus: Real, poisson_ratio: Real) -> Self {
-        Self { shear_modulus: young_modulus / (2.0 * (1.0 + poisson_ratio)), poisson_ratio }
-    }
-
-    /// Displacement at control point `i` for a unit force at `j`, body axes, m/N.
-    ///
-    /// Boussinesq for the normal and Cerruti for the tangential load (Johnson, *Contact Mechanics*, eqs. 3.18, 3.19 and 3.75),
-    /// with the load at distance r in direction e (from load to observer, in the tangent plane) and outward normal n:
-    ///
-    /// ```text
-    /// C_ij = 1/(2 pi G r) [ (1 - nu) I + nu e e^T + (1 - 2 nu)/2 (e n^T - n e^T) ]
-    /// C_ii = m_i/(2 pi G) [ (1 - nu) n n^T + (1 - nu/2) (I - n n^T) ]
-    /// ```
-    ///
-    /// m_i is the mean of 1/r over the control point's own area, and half of it that of x^2/r^3, as all directions are alike; a disc
-    /// of radius a has m = 2/a. It is chosen to make the sum over unevenly placed points right:
-    /// [`ControlPoints::inverse_distances`]. n is the mean of the two normals: the half-space is the plane that the pair shares. The
-    /// factor (1 + n_i . n_j)/2 uncouples the two sides of a body, which are not on one half-space; it is 1 within a flat patch.
-    pub fn block(&self, control: &ControlPoints, i: usize, j: usize) -> Mat3 {
-        if i == j {
-            return self.self_block(&control.normals[i], control.inverse_distances[i]);
-        }
-        let at = |i: usize| Loaded { point: control.points[i], normal: control.normals[i], area: control.areas[i] };
-        self.block_between(&at(i), &at(j))
-    }
-
-    /// `C_ij` of [`HalfSpaceCompliance::block`] between two loaded places anywhere on the surface.
-    pub fn block_between(&self, i: &Loaded, j: &Loaded) -> Mat3 {
-        let nu = self.poisson_ratio;
-        let scale = 1.0 / (2.0 * PI * self.shear_modulus);
-        let mean = i.normal + j.normal;
-        let length = mean.norm();
-        if length < 1e-6 {
-            return Mat3::zeros();
-        }
-        let n = mean / length;
-        let taper = 0.25 * length * length; // (1 + n_i . n_j) / 2
-        let between = i.point - j.point;
-        let flat = between - n * n.dot(&between);
-        let distance = flat.norm();
-        // Two points closer than a disc's radius would see more compliance between them than each has alone.
-        let nearest = 0.5 * ((i.area / PI).sqrt() + (j.area / PI).sqrt());
-        let r = distance.max(nearest);
-        let e: Vec3 = if distance > 1e-9 * nearest { flat / distance } else { Vec3::zeros() };
-        let coupling = (e * n.transpose() - n * e.transpose()) * (0.5 - nu);
-        (Mat3::identity() * (1.0 - nu) + e * e.transpose() * nu + coupling) * (scale * taper / r)
-    }
-
-    /// `C_ii` of [`HalfSpaceCompliance::block`] where the normal is `n` and the mean of 1/r over the loaded area `inverse_distance`, 1/m.
-    pub fn self_block(&self, n: &Vec3, inverse_distance: Real) -> Mat3 {
-        let nu = self.poisson_ratio;
-        let normal_part = n * n.transpose();
-        let both = normal_part * (1.0 - nu) + (Mat3::identity() - normal_part) * (1.0 - 0.5 * nu);
-        both * (inverse_distance / (2.0 * PI * self.shear_modulus))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::Vec3;
 
     /// A flat square grid of control points, spacing s.
     fn plate(count: usize, s: Real) -> ControlPoints {
@@ -263,15 +186,15 @@ mod tests {
     #[test]
     fn half_space_model_is_positive_definite_and_reciprocal() {
         let control = plate(7, 1e-3);
-        let half_space = HalfSpaceCompliance::new(1e6, 0.3);
-        let c = Compliance::HalfSpace(half_space).assembled(&control);
+        let half_space = GreensFunction::half_space(1e6, 0.3);
+        let c = Compliance::GreensFunction(half_space).assembled(&control);
         assert!((&c - c.transpose()).norm() < 1e-14 * c.norm());
         let smallest = c.symmetric_eigenvalues().min();
         assert!(smallest > 0.0, "smallest eigenvalue {smallest}");
     }
 
     #[test]
-    fn half_space_model_stays_positive_definite_on_uneven_and_bent_surfaces() {
+    fn half_space_and_layer_stay_positive_definite_on_uneven_and_bent_surfaces() {
         use crate::surface::{PointSurface, Surface, shapes};
         // Random points: no sampling is worse.
         let mut state = 1_u64;
@@ -280,19 +203,34 @@ mod tests {
             (state >> 11) as Real / (1_u64 << 53) as Real
         };
         let scattered: Vec<Vec3> = (0..1200).map(|_| Vec3::new(0.01 * random(), 0.01 * random(), 0.0)).collect();
+        // Graded: twice as close on one side as on the other.
+        let graded = |x: Real| 0.01 * ((2.0_f64).powf(x) - 1.0);
+        let graded: Vec<Vec3> = (0..1200).map(|_| Vec3::new(graded(random()), graded(random()), 0.0)).collect();
+        let flat = |points: Vec<Vec3>| {
+            let normals = vec![Vec3::z(); points.len()];
+            PointSurface::from_points_and_normals(points, normals).unwrap()
+        };
         let cases = [
-            ("random", PointSurface::from_points_and_normals(scattered, vec![Vec3::z(); 1200]).unwrap()),
+            ("random", flat(scattered)),
+            ("graded", flat(graded)),
             ("sphere", shapes::sample_sphere(0.01, 1200).unwrap()),
             ("box", shapes::sample_box(Vec3::new(0.02, 0.01, 0.004), 1200).unwrap()),
         ];
         for (name, surface) in cases {
             let control = Surface::build(surface, Some(200)).unwrap().control;
-            for nu in [0.0, 0.3, 0.5] {
-                let half_space = HalfSpaceCompliance::new(1e6, nu);
-                let c = Compliance::HalfSpace(half_space).assembled(&control);
-                let eigenvalues = c.symmetric_eigenvalues();
-                println!("{name}, nu {nu}: eigenvalues {:e} to {:e} m/N", eigenvalues.min(), eigenvalues.max());
-                assert!(eigenvalues.min() > 0.0, "{name}, nu {nu}: smallest eigenvalue {:e} m/N", eigenvalues.min());
+            let check = |model: String, greens_function: GreensFunction| {
+                let c = Compliance::GreensFunction(greens_function).assembled(&control);
+                assert!((&c - c.transpose()).norm() < 1e-14 * c.norm(), "{name}, {model}");
+                let share = c.symmetric_eigenvalues().min() / (c.trace() / c.nrows() as Real);
+                println!("{name}, {model}: smallest eigenvalue {share:.3} of the mean diagonal");
+                assert!(share > 0.0, "{name}, {model}: smallest eigenvalue {share:e} of the mean diagonal");
+            };
+            for nu in [0.0, 0.3, 0.45, 0.49, 0.499] {
+                check(format!("half-space, nu {nu}"), GreensFunction::half_space(1e6, nu));
+                // Thickness from ten spacings to a third of one.
+                for spacings in [10.0, 3.0, 1.4, 1.0, 0.67, 0.33] {
+                    check(format!("layer of {spacings} spacings, nu {nu}"), GreensFunction::layer(1e6, nu, spacings * control.spacing));
+                }
             }
         }
     }
@@ -302,7 +240,7 @@ mod tests {
         // Johnson, eq. 3.25 ff.: centre of a uniformly loaded square of side b: u = 1.122 (1 - nu^2) p b / E.
         let (e, nu, p, s, count) = (1e6, 0.3, 1e3, 0.25e-3, 41);
         let control = plate(count, s);
-        let half_space = HalfSpaceCompliance::new(e, nu);
+        let half_space = GreensFunction::half_space(e, nu);
         let middle = (count / 2) * count + count / 2;
         let u: Real = (0..control.len()).map(|j| half_space.block(&control, middle, j)[(2, 2)] * p * s * s).sum();
         let truth = 1.1222 * (1.0 - nu * nu) * p * (count as Real * s) / e;
