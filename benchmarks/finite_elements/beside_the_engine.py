@@ -17,7 +17,7 @@ from reference import PLACE
 
 import quasirigid as qr
 
-MODELS = ("local", "half-space")
+MODELS = ("local", "half-space", "layer")
 APIECE = 6  # control points in a contact radius
 
 

@@ -739,6 +739,11 @@ class StepReport:
     def coarse(self) -> bool:
         """The old name of ``budget_exhausted``, which goes with the next release: a ``DeprecationWarning`` says so."""
     @property
+    def indentation(self) -> float:
+        """Largest indentation of any patch over the thickness of its layer, without unit, in any step of this ``World.step``. Compliances
+        are those of small strains: beyond 0.5 they are not to be trusted. ``World.indentations`` has those of every patch.
+        """
+    @property
     def ill_posed(self) -> int:
         """Contacts left out because nothing can move or deform there."""
     @property
@@ -976,6 +981,14 @@ class World:
         """
     def contacts(self) -> Contacts:
         """The contacts of the last step."""
+    def indentations(self) -> list[tuple[Collider, Collider, float, float]]:
+        """How deep the surfaces of every pair of colliders that touch are pressed in at most, over the thickness of their layers: the two
+        colliders, and the figures of both, without unit. 0 where a compliance knows no thickness (half-space, matrix). Beyond 0.5, small
+        strains are not to be trusted.
+
+        >>> for pad, thing, of_pad, of_thing in world.indentations():
+        ...     print(pad.body, of_pad)
+        """
     def contact_problem(self, *, sparse: bool = False) -> ContactProblem:
         """The contact problem of the last step, with the reactions found; ``W`` dense, or ``sparse`` as a SciPy ``bsr_array``.
 

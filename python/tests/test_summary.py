@@ -8,6 +8,7 @@ from grasp_columns import DT, FRICTION, GRAVITY, MASS, SQUEEZE, STEPS, made_up_g
 
 from quasirigid.grasp import summary as s
 from quasirigid.rotation import conjugate, matrix_of, quaternion_of, quaternion_product, rotate, rotation_angle
+from quasirigid.scene.indentation import indentation_note
 from quasirigid.units import in_small_units, mass_words, percent, pressure_unit
 
 KEYS = "held object_mass_kg drift_m_per_s spin_rad_per_s contacts residual_max unconverged_steps steps step_ms_median step_ms_p99"
@@ -115,3 +116,12 @@ def test_figures_next_to_nothing_read_well() -> None:
     assert [mass_words(kilograms) for kilograms in (0.0131, 1e-5, 0.99999, 5.0)] == ["13.1 g", "10 mg", "1 kg", "5 kg"]
     assert [pressure_unit(pascal) for pascal in (20.0, 1.1e5, 3e6)] == [(1.0, "Pa"), (1e3, "kPa"), (1e6, "MPa")]
     assert (percent(1.7e-14), percent(0.0025)) == ("0.001 %", "0.25 %")
+
+
+def test_a_pad_pressed_beyond_half_of_its_thickness_is_said() -> None:
+    columns = made_up_grasp()
+    assert summarise(columns)["indentation_max"] is None  # a recording of 0.1.0
+    columns["report/indentation"] = np.linspace(0.0, 0.62, len(columns["time"]))
+    assert summarise(columns)["indentation_max"] == pytest.approx(0.62)
+    assert indentation_note(None) == indentation_note(0.5) == []
+    assert "62 % of its thickness" in indentation_note(0.62)[0]

@@ -119,6 +119,12 @@ impl StepReport {
         Ok(self.engine.budget_exhausted)
     }
 
+    #[doc = doc!("StepReport.indentation")]
+    #[getter]
+    fn indentation(&self) -> f64 {
+        self.engine.indentation
+    }
+
     #[doc = doc!("StepReport.ill_posed")]
     #[getter]
     fn ill_posed(&self) -> usize {

@@ -169,6 +169,14 @@ impl World {
         handles.into_iter().map(|handle| Self::collider_handle(this, handle)).collect()
     }
 
+    #[doc = doc!("World.indentations")]
+    fn indentations(this: &Bound<'_, Self>) -> PyResult<Vec<(Collider, Collider, f64, f64)>> {
+        let py = this.py();
+        let found = this.get().lock(py)?.indentations();
+        let handles = |([a, b], [of_a, of_b])| Ok((Self::collider_handle(this, a)?, Self::collider_handle(this, b)?, of_a, of_b));
+        found.into_iter().map(handles).collect()
+    }
+
     #[doc = doc!("World.add_collider")]
     #[allow(clippy::too_many_arguments)] // keyword arguments
     #[pyo3(signature = (body, surface, material, *, link = 0.into(), finger = None, group = 1.into(), mask = 0xffff_ffff.into()),

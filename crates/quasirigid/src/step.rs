@@ -74,6 +74,7 @@ impl World {
             residual: solved.residual,
             stop: solved.stop,
             budget_exhausted: self.workspace.collision.budget_exhausted,
+            indentation: self.workspace.motion.indentation,
             ill_posed: self.workspace.problem.ill_posed,
             quarantined,
             penetrated,

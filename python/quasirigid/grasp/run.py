@@ -19,6 +19,7 @@ from quasirigid.grasp.options import GraspOptions
 from quasirigid.grasp.setup import GRAVITY
 from quasirigid.grasp.summary import summarise
 from quasirigid.recording.reader import Recording
+from quasirigid.scene.indentation import indentation_note
 from quasirigid.units import in_small_units, mass_words, plain, short_name
 
 
@@ -87,7 +88,7 @@ def _leave_summary(grasp: Grasp, path: Path, out: Path, elapsed: float, *, inter
             "threads": options.threads,
             "approach": target.approach,
             "grasp_width_m": target.width,
-            "warnings": grasp.notes,
+            "warnings": [*grasp.notes, *indentation_note(figures["indentation_max"])],
             "elapsed_s": elapsed,
             "state_hash": f"{grasp.world.state_hash():016x}",
             "version": __version__,

@@ -35,6 +35,7 @@ from quasirigid.mocap.reset import WAITS, Reset, pose_of
 from quasirigid.mocap.source import Source
 from quasirigid.recording.reader import Column
 from quasirigid.recording.scene_recorder import SceneRecorder
+from quasirigid.scene.indentation import indentation_note
 from quasirigid.scene.model import SceneState, TrackedHand
 from quasirigid.scene.world import WorldScene
 
@@ -86,6 +87,7 @@ class MocapSession:
         self.observers: list[Observer] = []
         self.step_times: list[float] = []
         self.unconverged = 0
+        self.indentation = 0.0
         self._show(WorldScene(self.world))
 
     def _show(self, scene: WorldScene) -> None:
@@ -233,6 +235,7 @@ class MocapSession:
             report = self.world.step()
             self.step_times.append(report.step_time)
             self.unconverged += not report.converged
+            self.indentation = max(self.indentation, report.indentation)
             if step % self._every == 0:
                 self._observe(report, targets, recorder)
             step += 1
@@ -245,7 +248,7 @@ class MocapSession:
         wants = recorder is not None and recorder.wants_deformation(self.world.time)
         state = self.scene.state(report, self.outcome.phase, moved=wants or shown)
         if self.viewer is not None and shown:
-            self.viewer.draw(replace(state, notice=self._notice, tracked=self._tracked(targets)))
+            self.viewer.draw(replace(state, notice=self._notice or state.notice, tracked=self._tracked(targets)))
         sums = contact_sums(state.contacts, 0, self._finger_of, len(self.coupling.fingers))
         self.coupling.release.observe(sums["hand/normal_force"])
         support = _between(state, 0, 1) + _between(state, 0, 2)
@@ -343,10 +346,11 @@ class MocapSession:
             "step_ms_median": float(np.median(ms)) if steps else None,
             "step_ms_p99": float(np.percentile(ms, 99)) if steps else None,
             "unconverged_steps": self.unconverged,
+            "indentation_max": self.indentation,
             **(self.clock.summary() if self.clock is not None and self.source.real_time else {}),
             "filter_delay_s": self._tracker.delay,
             "stream": {key: value for key, value in stream.items() if value is None or isinstance(value, (int, float, str))},
-            "warnings": list(self.stage.target.warnings),
+            "warnings": [*self.stage.target.warnings, *indentation_note(self.indentation)],
             "state_hash": f"{self.world.state_hash():016x}",
             "version": __version__,
         }

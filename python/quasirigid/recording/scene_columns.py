@@ -60,6 +60,7 @@ def scene_columns(model: SceneModel, joints: tuple[int, int]) -> list[Column]:
         Column("report/residual", what="natural-map residual of the reactions"),
         Column("report/converged", (), "u1"),
         Column("report/coarse", (), "u1", what="1 if the traversal budget ran out"),
+        Column("report/indentation", what="largest indentation of a patch over the thickness of its layer"),
         Column("report/quarantined", (), "i4", what="bodies set aside in this step"),
         Column("report/step_time", unit="s", what="computing time of the step"),
         Column("report/stage_times", (len(STAGES),), unit="s", what="computing time of the stages", labels=STAGES),

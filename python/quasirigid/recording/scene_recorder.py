@@ -131,6 +131,7 @@ class SceneRecorder:
             "report/residual": state.residual,
             "report/converged": state.converged,
             "report/coarse": report is not None and report.budget_exhausted,
+            "report/indentation": 0.0 if report is None else report.indentation,
             "report/quarantined": max(went, 0 if report is None else len(report.quarantined)),
             "report/step_time": state.step_time,
             "report/stage_times": [state.stage_times.get(name, 0.0) for name in STAGES],

@@ -11,6 +11,7 @@ from quasirigid.arrays.types import AnyArray, FloatArray, IntArray
 from quasirigid.errors import InvalidHandleError
 from quasirigid.rotation import rotate
 from quasirigid.scene.contact_fields import RECORDED_FIELDS, ContactField
+from quasirigid.scene.indentation import indentation_note
 from quasirigid.scene.model import ContactsState, Moved, SceneModel, SceneState
 from quasirigid.scene.palette import PAD
 from quasirigid.scene.views import OBJECT_COLOURS, SUPPORT, Placed, body_views, finger_views, hand_views, part_of, unique_name
@@ -122,6 +123,7 @@ class WorldScene:
             converged=True if report is None else report.converged,
             quarantined=tuple(self._indices[i] for i in self.world.quarantined if i in self._indices),
             phase=phase,
+            notice=" ".join(indentation_note(None if report is None else report.indentation)),
         )
 
     def _contacts(self) -> ContactsState:

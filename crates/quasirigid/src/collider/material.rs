@@ -241,6 +241,11 @@ impl Material {
         ComplianceModel::layer(self.young_modulus, self.poisson_ratio, self.layer_thickness)
     }
 
+    /// Thickness (m) of the layer that yields, where the compliance model knows one: an indentation of more than about half of it is beyond small strains.
+    pub fn yielding_thickness(&self) -> Option<Real> {
+        matches!(self.model, ComplianceModel::Local { .. } | ComplianceModel::Layer).then_some(self.layer_thickness)
+    }
+
     /// [`Material::check`], and that a compliance matrix is one for the control points of the surface that shall be made of it.
     ///
     /// # Errors

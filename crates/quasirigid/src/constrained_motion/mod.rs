@@ -8,7 +8,7 @@ pub use integrate::advance;
 
 use crate::contact_problem::{ContactProblem, warm_start};
 use crate::free_motion::{FreeMotion, StepContext, is_sound};
-use crate::math::{Vec3, Vec6};
+use crate::math::{Real, Vec3, Vec6};
 use crate::objects::Objects;
 use crate::pair::{Contact, Pair};
 use crate::params::Parameters;
@@ -19,6 +19,8 @@ use std::time::{Duration, Instant};
 pub struct Scratch {
     /// Slots of bodies that became non-finite in this step.
     pub quarantined: Vec<u32>,
+    /// Largest indentation of a patch over the thickness of its layer, -.
+    pub indentation: Real,
     /// Time to sum the displacements of all patches.
     pub hierarchy_time: Duration,
     deformation: deformation::Scratch,
@@ -40,6 +42,7 @@ pub(crate) fn constrained_motion(
     let reactions = &problem.reactions;
     slip::remember(pairs, contacts, problem, context.dt);
     deformation::remember(&mut scratch.deformation, pairs, objects, contacts, problem, params);
+    scratch.indentation = pairs.iter().flat_map(|pair| pair.indentations(objects)).fold(0.0, Real::max);
     warm_start::remember(&mut scratch.loaded_before, pairs, contacts, problem);
     generalized_forces(&mut scratch.forces, objects, contacts, reactions);
     scratch.quarantined.clear();

@@ -113,6 +113,20 @@ impl Pair {
         a - b + self.relative_motion.displacement(point)
     }
 
+    /// How deep either surface is pressed in at most, over the thickness of its layer (-): 0 where it is not, or where its
+    /// compliance knows no thickness.
+    pub fn indentations(&self, objects: &Objects) -> [Real; 2] {
+        let sides = self.sides(objects);
+        let of = |side: Side<'_>, displaced: &PatchSide| {
+            let skin = &side.collider.skin;
+            let Some(thickness) = skin.material.yielding_thickness() else { return 0.0 };
+            let inwards = |&c: &u32| -displaced.displacement[c as usize].dot(&skin.surface.control.normals[c as usize]);
+            displaced.active.iter().map(inwards).fold(0.0, Real::max) / thickness
+        };
+        let [a, b] = sides;
+        [of(a, &self.side_a), of(b, &self.side_b)]
+    }
+
     /// The compliance of one of the two is another from now on; the displacements stay, but those of a `b` that
     /// counts as rigid. Returns whether `b` counts as rigid now where it did not before, or the other way round:
     /// feet on a rigid `b` have no weights, so projections found before no longer serve.

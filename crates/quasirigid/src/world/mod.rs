@@ -202,6 +202,13 @@ impl World {
         &self.workspace.problem
     }
 
+    /// How deep the surfaces of every pair of colliders that touch are pressed in at most, over the thickness of their layers (-): the two
+    /// colliders, and the figures of both. 0 where a compliance knows no thickness. Beyond 0.5, small strains are not to be trusted.
+    pub fn indentations(&self) -> Vec<([ColliderHandle; 2], [Real; 2])> {
+        let touching = self.pairs.iter().filter(|pair| !pair.reactions.loaded.is_empty());
+        touching.map(|pair| ([pair.a, pair.b].map(|slot| self.collider_at(slot)), pair.indentations(&self.objects))).collect()
+    }
+
     /// Total contact force on a body in the last step, world axes, N.
     ///
     /// # Errors

@@ -71,6 +71,9 @@ pub struct StepReport {
     pub stop: Stop,
     /// The traversal budget ran out: some contacts are coarser than the leaves.
     pub budget_exhausted: bool,
+    /// Largest indentation of any patch over the thickness of its layer, -. Compliances are those of small strains: beyond
+    /// 0.5 they are not to be trusted. [`crate::World::indentations`] has those of every patch.
+    pub indentation: Real,
     /// Contacts left out because neither body could move and neither surface could deform there.
     pub ill_posed: usize,
     /// Bodies that became non-finite in this step and were rolled back and quarantined.
@@ -85,7 +88,7 @@ pub struct StepReport {
 impl StepReport {
     /// One report for several steps: this one, of the last, with what must not be missed
     /// of those before: every body that was quarantined, every pair that
-    /// was fully penetrated, the sum of ill-posed contacts,
+    /// was fully penetrated, the deepest indentation, the sum of ill-posed contacts,
     /// whether any budget was exhausted, and the residual and the reason to stop of the worst solve.
     #[must_use]
     pub fn after(mut self, mut before: Self) -> Self {
@@ -94,6 +97,7 @@ impl StepReport {
         self.penetrated.retain(|pair| !before.penetrated.contains(pair));
         before.penetrated.append(&mut self.penetrated);
         self.penetrated = before.penetrated;
+        self.indentation = self.indentation.max(before.indentation);
         self.ill_posed += before.ill_posed;
         self.budget_exhausted |= before.budget_exhausted;
         // A solve that did not converge is worse than one that did, whatever its residual.
@@ -124,6 +128,7 @@ mod tests {
             residual,
             stop,
             budget_exhausted: ill_posed > 0,
+            indentation: 0.1 * time,
             ill_posed,
             quarantined: Vec::new(),
             penetrated: Vec::new(),
@@ -134,6 +139,7 @@ mod tests {
         let last = step(3.0, 1e-10, Stop::Converged, 1);
         let all = last.after(cut.after(first));
         assert_eq!((all.time, all.residual, all.stop), (3.0, 1e-12, Stop::SweepCap));
+        assert_eq!(all.indentation, 0.1 * 3.0);
         assert_eq!((all.ill_posed, all.budget_exhausted, all.converged()), (3, true, false));
     }
 }
