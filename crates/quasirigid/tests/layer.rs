@@ -1,12 +1,11 @@
 //! A rigid ball on a bonded elastic layer, on the engine's own control points, beside finite elements
-//! (`python/tests/references/pads.json`): force, contact radius and stiffness within 2.5 %, tangential stiffness within 5 %.
+//! (`python/tests/references/pads.json`): force, contact radius and stiffness within 2 %, tangential stiffness within 5 %.
 
 use quasirigid::Parameters;
 use quasirigid::collider::{ComplianceModel, Material};
 use quasirigid::math::Real;
 use quasirigid::scenes::{Indentation, IndentationOptions};
 use serde_json::Value;
-use std::f64::consts::PI;
 
 /// One case of the reference: metres, newtons.
 #[derive(Debug, Clone, Copy)]
@@ -54,8 +53,8 @@ fn scene(case: &Case, young_modulus: Real, fine_ball: bool, friction: Real) -> I
         model: ComplianceModel::Layer,
     };
     let hard = Material { young_modulus: 1e13, poisson_ratio: 0.3, model: ComplianceModel::HalfSpace, ..soft.clone() };
-    // Six control points in a contact radius on the side that carries the contacts.
-    let (ball_control_points, flat_control_points) = if fine_ball { (400, 200) } else { (200, 400) };
+    // Ten control points in a contact radius on the side that carries the contacts.
+    let (ball_control_points, flat_control_points) = if fine_ball { (1_000, 500) } else { (500, 1_000) };
     Indentation::new(&IndentationOptions {
         params: Parameters { contact_margin: 1e-6, ..Parameters::default() },
         radius: case.ball_radius,
@@ -68,7 +67,7 @@ fn scene(case: &Case, young_modulus: Real, fine_ball: bool, friction: Real) -> I
     .unwrap()
 }
 
-/// Force (x, z), N, and contact radius by area, m, of the ball pressed to `depth` (m) off the middle and moved sideways by `shift` (m).
+/// Force (x, z), N, and contact radius, m, of the ball pressed to `depth` (m) off the middle and moved sideways by `shift` (m).
 fn press(scene: &mut Indentation, depth: Real, shift: Real) -> ([Real; 2], Real) {
     let place = [2.3e-4 + shift, -1.7e-4];
     // A step sees the geometry of its start: the last ones stay where they are.
@@ -77,12 +76,27 @@ fn press(scene: &mut Indentation, depth: Real, shift: Real) -> ([Real; 2], Real)
     }
     let report = scene.move_to(depth, place, 0.4).unwrap();
     assert!(report.converged(), "{:?} after {} sweeps, residual {:e}", report.stop, report.sweeps, report.residual);
-    let contacts = scene.world.contacts().iter().zip(&scene.world.contact_problem().reactions);
-    let area: Real = contacts.filter(|(_, f)| f.x > 0.0).map(|(contact, _)| contact.area).sum();
-    let force = scene.force().unwrap();
-    ([force.x, force.z], (area / PI).sqrt())
+    ([0, 2].map(|axis| scene.force().unwrap()[axis]), radius(scene, place))
 }
 
+/// Where the pressure ends, m: p^2 falls nearly in proportion to r^2 towards the rim. (The area of all that carries is 2 % too large
+/// with ten control points in a radius: those that the rim cuts through count whole.)
+fn radius(scene: &Indentation, middle: [Real; 2]) -> Real {
+    let contacts = scene.world.contacts().iter().zip(&scene.world.contact_problem().reactions).filter(|(_, f)| f.x > 0.0);
+    let carrying: Vec<[Real; 2]> = contacts
+        .map(|(contact, f)| {
+            let r2 = (contact.point.x - middle[0]).powi(2) + (contact.point.y - middle[1]).powi(2);
+            [r2, (f.x / contact.area).powi(2)]
+        })
+        .collect();
+    let farthest = carrying.iter().map(|[r2, _]| *r2).fold(0.0, Real::max);
+    let outer: Vec<[Real; 2]> = carrying.into_iter().filter(|[r2, _]| *r2 > 0.36 * farthest).collect();
+    let n = outer.len() as Real;
+    let mean = |of: &dyn Fn(&[Real; 2]) -> Real| outer.iter().map(of).sum::<Real>() / n;
+    let [x, y] = [mean(&|p| p[0]), mean(&|p| p[1])];
+    let slope = mean(&|p| (p[0] - x) * (p[1] - y)) / mean(&|p| (p[0] - x).powi(2));
+    (x - y / slope).sqrt()
+}
 /// By how much force, radius, stiffness and tangential stiffness are off, in percent.
 fn errors(case: &Case, young_modulus: Real, fine_ball: bool) -> [Real; 4] {
     let &Case { depth, .. } = case;
@@ -113,7 +127,7 @@ fn check(fine_ball: bool, change: impl Fn(Case) -> Case) {
             case.a / case.thickness
         );
         println!("{what}: F, a, dF/dd, k_t off by {found:.1?} %");
-        for (off, bound) in found.iter().zip([2.0, 2.5, 2.5, 5.0]) {
+        for (off, bound) in found.iter().zip([2.0, 2.0, 2.0, 5.0]) {
             assert!(off.abs() < bound, "{what}: F, a, dF/dd, k_t off by {found:.1?} %");
         }
     }

@@ -115,7 +115,7 @@ impl Pair {
 
     /// How deep either surface is pressed in at most, over the thickness of its layer (-): 0 where it is not, or where its
     /// compliance knows no thickness.
-    pub fn indentations(&self, objects: &Objects) -> [Real; 2] {
+    pub(crate) fn indentations(&self, objects: &Objects) -> [Real; 2] {
         let sides = self.sides(objects);
         let of = |side: Side<'_>, displaced: &PatchSide| {
             let skin = &side.collider.skin;
