@@ -48,10 +48,11 @@ struct Nodes {
 
 impl Scratch {
     /// Fills the rows of a patch. `rotation_ab`: rotation from the link of `b` to that of `a`, whose axes
-    /// are the elastic axes of the patch; `to_link_b`: from the world to the link of `b`.
+    /// are the elastic axes of the patch; `to_link_b`: from the world to the link of `b`; `keeps_a`: whether the tensors of side `a` are there.
     pub fn fill_rows(
         &mut self,
         rows: &mut ElasticRows,
+        keeps_a: bool,
         patch: &[Contact],
         sides: &[SideOperator<'_>; 2],
         rotation_ab: &Mat3,
@@ -69,12 +70,20 @@ impl Scratch {
         self.tensor.clear();
         self.tensor.resize(patch.len(), Mat3::zeros());
         for i in 0..patch.len() {
-            self.fill_row(rows, i, patch, sides, rotation_ab);
+            self.fill_row(rows, keeps_a, i, patch, sides, rotation_ab);
         }
         self.nodes.iter_mut().for_each(Nodes::forget);
     }
 
-    fn fill_row(&mut self, rows: &mut ElasticRows, i: usize, patch: &[Contact], sides: &[SideOperator<'_>; 2], rotation_ab: &Mat3) {
+    fn fill_row(
+        &mut self,
+        rows: &mut ElasticRows,
+        keeps_a: bool,
+        i: usize,
+        patch: &[Contact],
+        sides: &[SideOperator<'_>; 2],
+        rotation_ab: &Mat3,
+    ) {
         let Self { nodes, row, touched, tensor } = self;
         let mut add = |j: u32, value: Real| {
             if row[j as usize] == 0.0 {
@@ -83,7 +92,7 @@ impl Scratch {
             row[j as usize] += value;
         };
         for (index, (nodes, side)) in nodes.iter_mut().zip(sides).enumerate() {
-            if nodes.used.is_empty() {
+            if nodes.used.is_empty() || (keeps_a && side.side == Side::A) {
                 continue;
             }
             let rotated =
@@ -106,7 +115,10 @@ impl Scratch {
                         // The operator is reciprocal: what lies left of the diagonal is known.
                         tensor[j] = match j.cmp(&i) {
                             Ordering::Less => rows.mirrored(index, i, j),
-                            Ordering::Equal => rotated(greens_function.self_block(own, patch[i].inverse_distance(sides[0].skin))),
+                            Ordering::Equal => {
+                                let whole = Loaded { area: patch[i].area, ..*own };
+                                rotated(greens_function.self_block(&whole, patch[i].inverse_distance(sides[0].skin)))
+                            }
                             Ordering::Greater => rotated(greens_function.block_between(own, other)),
                         };
                     }

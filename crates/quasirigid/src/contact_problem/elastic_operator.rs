@@ -94,7 +94,7 @@ impl<'a> SideOperator<'a> {
     pub fn loaded_node(&self, contact: &Contact, to_link_b: &Mat3) -> Loaded {
         let (control, c) = (&self.skin.surface.control, contact.control_point as usize);
         match self.side {
-            Side::A => Loaded { point: control.points[c], normal: control.normals[c], area: contact.area },
+            Side::A => Loaded { point: control.points[c], normal: control.normals[c], area: control.areas[c] },
             Side::B => contact.foot_on_b(to_link_b),
         }
     }

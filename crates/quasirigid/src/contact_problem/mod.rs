@@ -287,8 +287,8 @@ fn refresh_elastic_rows(out: &mut ContactProblem, contacts: &[Contact], pairs: &
         rows.in_touch = true;
         if !rows.hold_for(&origin, patch, &rotation_ab, shares) {
             out.serial += 1;
-            rows.start(origin, patch, &rotation_ab, shares, out.serial);
-            out.elastic.fill_rows(rows, patch, &sides, &rotation_ab, &axes_b.transpose());
+            let keeps_a = rows.start(origin, patch, &rotation_ab, shares, out.serial);
+            out.elastic.fill_rows(rows, keeps_a, patch, &sides, &rotation_ab, &axes_b.transpose());
         }
         let serial = rows.serial();
         if let Some(held) = out.held.get_mut(patches) {

@@ -68,8 +68,17 @@ impl ElasticRows {
         self.ends.clear();
     }
 
-    /// Empties the rows, to be filled for `patch`; `serial` is a number that was never used before.
-    pub(super) fn start(&mut self, origin: Origin, patch: &[Contact], rotation_ab: &Mat3, shares: [Real; 2], serial: u64) {
+    /// Empties the rows, to be filled for `patch`; `serial` is a number that was never used before. The tensors of side `a` stay where they
+    /// are those of `patch`: they know nothing of side `b`, nor of the poses, and to fill them is most of the work where the two bodies turn
+    /// against each other. Returns whether they do.
+    pub(super) fn start(&mut self, origin: Origin, patch: &[Contact], rotation_ab: &Mat3, shares: [Real; 2], serial: u64) -> bool {
+        let of_a = |rows: &Origin| (rows.colliders, rows.revisions[0]);
+        let same = |(contact, kept): (&Contact, &(u32, Real))| (contact.control_point, contact.area) == *kept;
+        let keeps_a = of_a(&self.origin) == of_a(&origin)
+            && self.shares[0] == shares[0]
+            && self.contacts.len() == patch.len()
+            && patch.iter().zip(&self.contacts).all(same)
+            && self.tensors[0].len() == patch.len().pow(2);
         (self.origin, self.serial) = (origin, serial);
         self.contacts.clear();
         self.contacts.extend(patch.iter().map(|contact| (contact.control_point, contact.area)));
@@ -77,7 +86,9 @@ impl ElasticRows {
         self.ends.clear();
         self.columns.clear();
         self.values.clear();
-        self.tensors.iter_mut().for_each(Vec::clear);
+        let first = usize::from(keeps_a);
+        self.tensors[first..].iter_mut().for_each(Vec::clear);
+        keeps_a
     }
 
     pub(super) fn add_isotropic(&mut self, j: u32, value: Real) {

@@ -119,10 +119,13 @@ impl GreensFunction {
     /// normal and Cerruti for the tangential load (Johnson,
     /// *Contact Mechanics*, eqs. 3.18, 3.19 and 3.75). Layer: [`super::bonded_layer`].
     ///
-    /// Bent surfaces: this is the block on the plane that the pair shares, whose normal m is the mean of the two,
-    /// turned on to either point's own tangent plane by the least rotation, `R_i C_ij R_j^T` with `R_i m = n_i`.
-    /// (Without these rotations an outward push around a ball moves its other points inwards by X, and a layer about
-    /// as thick as the ball is wide has negative eigenvalues.) The factor (1 + n_i . n_j)/2 lets the two sides of a
+    /// Bent surfaces: this is the block on the plane that the pair shares, whose normal m is the mean of the two. A
+    /// half-space is left there: what presses on it has flattened it to that plane. The block of a layer is turned on to
+    /// either point's own tangent plane by the least rotation, `R_i C_ij R_j^T` with `R_i m = n_i`: without that, a
+    /// layer that hardly changes its volume and is about as thick as its body is wide has negative eigenvalues, as its
+    /// normal and tangential displacements are far from alike. (The price, seen on a half-space where a patch spans 0.35
+    /// rad of the body: 7 % more resistance to twist without slip. A half-space has no need to pay it.)
+    /// The factor (1 + n_i . n_j)/2 lets the two sides of a
     /// body leave each other alone; it is 1 within a flat patch.
     pub fn block(&self, control: &ControlPoints, i: usize, j: usize) -> Mat3 {
         let at = |i: usize| Loaded { point: control.points[i], normal: control.normals[i], area: control.areas[i] };
@@ -154,13 +157,15 @@ impl GreensFunction {
         let Some(Influence { n, x, a, b }) = self.influence(r) else { return Mat3::zeros() };
         let (x, b) = (x * q, b * q * q);
         let e: Vec3 = if distance > 1e-9 * closest { flat / distance } else { Vec3::zeros() };
+        let [n_i, n_j] = if self.layer.is_some() { [i.normal, j.normal] } else { [m, m] };
         // R_i e and R_j e: e has no part along m, and n_j . e = -n_i . e.
-        let lean = i.normal.dot(&e) / (1.0 + 0.5 * length);
-        let (e_i, e_j) = (e - (i.normal + m) * lean, e + (j.normal + m) * lean);
+        let lean = n_i.dot(&e) / (1.0 + 0.5 * length);
+        let (e_i, e_j) = (e - (n_i + m) * lean, e + (n_j + m) * lean);
         // R_i R_j^T, the least rotation from n_j to n_i.
-        let turn = Mat3::identity() - mean * (mean / (2.0 * taper)).transpose() + i.normal * (j.normal * 2.0).transpose();
-        let normal_part = i.normal * (j.normal * (n - a + b) - e_j * x).transpose();
-        let radial_part = e_i * (e_j * (2.0 * b) + j.normal * x).transpose();
+        let sum = n_i + n_j;
+        let turn = Mat3::identity() - sum * (sum * (2.0 / sum.norm_squared())).transpose() + n_i * (n_j * 2.0).transpose();
+        let normal_part = n_i * (n_j * (n - a + b) - e_j * x).transpose();
+        let radial_part = e_i * (e_j * (2.0 * b) + n_j * x).transpose();
         let block = turn * (a - b) + normal_part + radial_part;
         block * (scale * taper)
     }
