@@ -64,6 +64,7 @@ def made_up_grasp(*, drift: float = 0.0, spin: float = 0.0, fall: bool = False) 
         "report/contacts": count.sum(axis=1),
         "report/residual": np.full(T, 4e-9),
         "report/converged": np.ones(T, "u1"),
+        "report/indentation": np.zeros(T),
         "report/sweeps": np.full(T, 3),
         "report/quarantined": np.zeros(T, int),
         "report/step_time": 3e-4 + 5e-5 * rng.random(T),

@@ -18,7 +18,7 @@ from recorded import pinch, record_pinch
 import quasirigid as qr
 from quasirigid.arrays.types import FloatArray
 from quasirigid.errors import InvalidShapeError, InvalidValueError, RecordingError
-from quasirigid.recording import scene as scene_recording
+from quasirigid.recording import scene_recording
 from quasirigid.recording.export import tables
 from quasirigid.recording.reader import Column
 from quasirigid.recording.recorder import Recorder

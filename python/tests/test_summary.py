@@ -120,7 +120,7 @@ def test_figures_next_to_nothing_read_well() -> None:
 
 def test_a_pad_pressed_beyond_half_of_its_thickness_is_said() -> None:
     columns = made_up_grasp()
-    assert summarise(columns)["indentation_max"] is None  # a recording of 0.1.0
+    assert summarise(columns)["indentation_max"] == 0.0
     columns["report/indentation"] = np.linspace(0.0, 0.62, len(columns["time"]))
     assert summarise(columns)["indentation_max"] == pytest.approx(0.62)
     assert indentation_note(None) == indentation_note(0.5) == []

@@ -173,8 +173,8 @@ impl World {
     fn indentations(this: &Bound<'_, Self>) -> PyResult<Vec<(Collider, Collider, f64, f64)>> {
         let py = this.py();
         let found = this.get().lock(py)?.indentations();
-        let handles = |([a, b], [of_a, of_b])| Ok((Self::collider_handle(this, a)?, Self::collider_handle(this, b)?, of_a, of_b));
-        found.into_iter().map(handles).collect()
+        let handle_of = |collider| Self::collider_handle(this, collider);
+        found.into_iter().map(|([a, b], [of_a, of_b])| Ok((handle_of(a)?, handle_of(b)?, of_a, of_b))).collect()
     }
 
     #[doc = doc!("World.add_collider")]

@@ -42,7 +42,7 @@ def grasp_panel(result: GraspResult) -> Panel:
         table.add_row("slip margin", f"{100 * s['slip_margin']:.0f} % of the friction limit left on the weakest finger")
         table.add_row("balance", f"weight and contact forces agree within {percent(s['support_error'])}")
         table.add_row("overlap", f"{in_small_units(s['overlap_max_m'], 'm')} left at the deepest contact")
-    if s["indentation_max"] is not None:
+    if s["indentation_max"] > 0.0:
         table.add_row("indentation", f"up to {percent(s['indentation_max'])} of the thickness of a pad")
     missed = f", [red]{s['unconverged_steps']} steps did not converge[/red]" if s["unconverged_steps"] else ", every step converged"
     table.add_row("contacts", f"up to {s['contacts']}, residual up to {s['residual_max']:.1e}{missed}")

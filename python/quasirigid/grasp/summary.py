@@ -113,8 +113,6 @@ def summarise(columns: Columns, *, dt: float, mass: float, gravity: float, frict
     step_ms = 1e3 * columns["report/step_time"]
     converged = columns["report/converged"].astype(bool)
     residual = columns["report/residual"][converged]
-    indentation = columns.get("report/indentation")  # not in recordings of 0.1.0
-    deepest = None if indentation is None else float(indentation.max(initial=0.0))
     relative = pose_in(columns["hand/pose"], columns["object/pose"])
     steps = len(times)
     stage_ms = np.median(1e3 * columns["report/stage_times"], axis=0).tolist() if steps else []
@@ -127,7 +125,7 @@ def summarise(columns: Columns, *, dt: float, mass: float, gravity: float, frict
         "contacts": int(columns["report/contacts"].max(initial=0)),
         "residual_max": float(residual.max(initial=0.0)),
         "unconverged_steps": int((~converged).sum()),
-        "indentation_max": deepest,
+        "indentation_max": float(columns["report/indentation"].max(initial=0.0)),
         "steps": steps,
         "dt_s": dt,
         "step_ms_median": float(np.median(step_ms)) if steps else None,

@@ -25,7 +25,7 @@ FACES = {
 """By number of corners: corners of every face of an element, in order around it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PadMesh:
     """Bricks of 8 nodes, or tetrahedra of 10: 4 corners and a node in the middle of every edge."""
 

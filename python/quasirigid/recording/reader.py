@@ -30,7 +30,7 @@ FORMAT = "quasirigid-recording"
 VERSION = 4
 """1 (2026): a grasp without what a replay needs. 2: every column of a replay; contacts as the engine has them, see
 ``quasirigid.scene.contact_fields``. 3: texts have a fixed length; the control point of every contact; material and mass of every body.
-4: every collider of a body, and those of every contact.
+4: every collider of a body, and those of every contact; how deep pads are pressed in over their thickness.
 """
 RAGGED = "ragged"
 STILL = "still: one row, or none if the run did not get there"

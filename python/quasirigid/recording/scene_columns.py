@@ -19,7 +19,10 @@ PHASE_BYTES = 64
 """Longest name of a phase, in UTF-8."""
 PHASE_CODES = Column("phase", (), "u1")
 """What the column ``phase`` may be too: a number, with a label for each."""
-SINCE: dict[str, int] = {f"contacts/{field.column}": field.since for field in RECORDED_FIELDS if field.since > 2}
+SINCE: dict[str, int] = {
+    **{f"contacts/{field.column}": field.since for field in RECORDED_FIELDS if field.since > 2},
+    "report/indentation": 4,
+}
 """The version of the format in which a column came, where that is not the first with a scene."""
 
 

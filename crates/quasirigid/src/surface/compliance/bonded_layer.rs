@@ -21,7 +21,7 @@
 //! X = (1/2 - nu)/rho + int (X^ - (1/2 - nu)) J1(w rho) dw          B = nu/(2 rho)     + int ((T^ - L^)/2 - nu/2) J2(w rho) dw
 //! ```
 
-use super::greens_function::Influence;
+use super::influence::Influence;
 use crate::math::Real;
 use std::f64::consts::PI;
 

@@ -7,6 +7,7 @@
 
 mod bonded_layer;
 mod greens_function;
+mod influence;
 pub mod matrix;
 
 pub use greens_function::{GreensFunction, Loaded};
