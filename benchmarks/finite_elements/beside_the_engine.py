@@ -17,7 +17,7 @@ from reference import PLACE
 
 import quasirigid as qr
 
-MODELS = ("local", "half-space", "layer")
+MODELS = ("gaussian", "half-space", "layer", "local")
 APIECE = 6  # control points in a contact radius
 
 

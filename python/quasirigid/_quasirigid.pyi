@@ -36,7 +36,7 @@ STAGES: tuple[str, str, str, str, str]
 ``free_motion, collision, contact_problem, gauss_seidel, constrained_motion``."""
 
 Motion = Literal["inertial", "quasi-static", "fixed"]
-Compliance = Literal["local", "half-space", "layer"]
+Compliance = Literal["local", "layer", "half-space", "gaussian"]
 FrictionRule = Literal["geometric-mean", "minimum", "maximum", "mean", "product"]
 FloatArray = npt.NDArray[np.float64]
 
@@ -228,8 +228,14 @@ class Material:
     """What a surface is made of. Immutable; ``replace`` gives a changed copy."""
 
     @staticmethod
-    def preset(name: str) -> Material:
-        """A named material with figures from the literature. Raises ``UnknownNameError``, which lists the names."""
+    def preset(name: str, *, version: str | None = None) -> Material:
+        """A named material with figures from the literature; ``version="0.1"``: with the figures that this version had.
+
+        Raises ``UnknownNameError``, which lists the names.
+
+        >>> Material.preset("silicone", version="0.1").young_modulus
+        151000.0
+        """
     @staticmethod
     def preset_names() -> list[str]:
         """The names that ``preset`` knows."""
@@ -247,9 +253,10 @@ class Material:
     ) -> Material:
         """A copy with the fields given changed. Raises ``InvalidValueError`` for a figure no material has.
 
-        ``compliance`` is ``"local"``, ``"half-space"``, ``"layer"`` (an elastic layer bonded to a rigid backing, Poisson's ratio at
-        most 0.499), or a matrix of your own for one surface: see ``ComplianceMatrix``. Young's modulus, Poisson's ratio and layer
-        thickness have no effect on a matrix.
+        ``compliance`` is ``"layer"`` (an elastic layer bonded to a rigid backing, Poisson's ratio at most 0.499), ``"local"`` (the same
+        without what couples normal and tangential displacements: nearly as right, and fast), ``"half-space"`` (E and nu alone),
+        ``"gaussian"`` (the paper's, which version 0.1 called local), or a matrix of your own for one surface: see ``ComplianceMatrix``.
+        Young's modulus, Poisson's ratio and layer thickness have no effect on a matrix.
 
         >>> gel = Material.preset("silicone").replace(young_modulus=0.435e6, layer_thickness=4e-3, compliance="layer")
         """
@@ -277,9 +284,9 @@ class Material:
     def relaxation_time(self) -> float:
         """Viscoelastic time constant of the surface, s."""
     @property
-    def compliance(self) -> Literal["local", "half-space", "layer", "matrix"]:
-        """``"local"`` (Gaussian, Le Garrec et al. 2006), ``"half-space"`` (Boussinesq and Cerruti), ``"layer"`` (bonded to a rigid
-        backing) or ``"matrix"`` (your own).
+    def compliance(self) -> Literal["local", "layer", "half-space", "gaussian", "matrix"]:
+        """``"layer"`` (bonded to a rigid backing), ``"local"`` (the same without its coupling), ``"half-space"`` (Boussinesq and Cerruti),
+        ``"gaussian"`` (Le Garrec et al. 2006) or ``"matrix"`` (your own).
         """
     @property
     def compliance_matrix(self) -> ComplianceMatrix | None:

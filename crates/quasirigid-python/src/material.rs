@@ -23,12 +23,16 @@ fn model(value: &Bound<'_, PyAny>, material: &quasirigid::collider::Material) ->
         return Ok(ComplianceModel::Matrix(given.get().engine.clone()));
     }
     match value.extract::<&str>() {
-        Ok("local") => material.local().or_raise(py),
+        Ok("local") => Ok(ComplianceModel::Local),
+        Ok("gaussian") => material.gaussian().or_raise(py),
         Ok("half-space") => Ok(ComplianceModel::HalfSpace),
         Ok("layer") => Ok(ComplianceModel::Layer),
         Ok(other) => {
             let hint = "choose one of them, or give a matrix";
-            Err(to_py(py, &Error::unknown("compliance", "\"local\", \"half-space\" or \"layer\"", format!("{other:?}"), hint)))
+            Err(to_py(
+                py,
+                &Error::unknown("compliance", "\"local\", \"layer\", \"half-space\" or \"gaussian\"", format!("{other:?}"), hint),
+            ))
         }
         Err(_) => Ok(ComplianceModel::Matrix(ComplianceMatrix::new(py, value)?.engine)),
     }
@@ -38,8 +42,11 @@ fn model(value: &Bound<'_, PyAny>, material: &quasirigid::collider::Material) ->
 impl Material {
     #[doc = doc!("Material.preset")]
     #[staticmethod]
-    fn preset(py: Python<'_>, #[pyo3(from_py_with = conv::text)] name: &str) -> PyResult<Self> {
-        Ok(Self { engine: quasirigid::collider::Material::preset(name).or_raise(py)? })
+    #[pyo3(signature = (name, *, version = None), text_signature = "(name, *, version=None)")]
+    fn preset(py: Python<'_>, #[pyo3(from_py_with = conv::text)] name: &str, version: Option<&str>) -> PyResult<Self> {
+        use quasirigid::collider::Material;
+        let engine = version.map_or_else(|| Material::preset(name), |version| Material::preset_of(name, version));
+        Ok(Self { engine: engine.or_raise(py)? })
     }
 
     #[doc = doc!("Material.preset_names")]
@@ -132,7 +139,8 @@ impl Material {
     #[getter]
     fn compliance(&self) -> &'static str {
         match self.engine.model {
-            ComplianceModel::Local { .. } => "local",
+            ComplianceModel::Local => "local",
+            ComplianceModel::Gaussian { .. } => "gaussian",
             ComplianceModel::HalfSpace => "half-space",
             ComplianceModel::Layer => "layer",
             ComplianceModel::Matrix(_) => "matrix",

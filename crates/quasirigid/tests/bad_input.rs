@@ -137,7 +137,7 @@ fn masses() {
 #[test]
 fn materials() {
     let wood = || Material::preset("wood").unwrap();
-    let local = |k, width, share| ComplianceModel::Local { foundation_modulus: k, width, share };
+    let local = |k, width, share| ComplianceModel::Gaussian { foundation_modulus: k, width, share };
     refused(
         &NOT_POSITIVE,
         &[

@@ -150,3 +150,18 @@ fn a_handle_of_another_world_is_refused() {
     assert!(second.body(b).is_ok() && first.remove_body(a).is_ok());
     assert!(first.remove_body(a).unwrap_err().to_string().contains("removed"));
 }
+
+/// The rows of what was left when the body went were taken for those of a problem without contacts, which was filled for ever.
+#[test]
+fn a_step_without_contacts_ends_after_a_body_that_touched_is_taken_out() {
+    let mut world = World::new(Parameters::default()).unwrap();
+    add(&mut world, shapes::sample_box(Vec3::new(0.2, 0.2, 0.02), 2_000).unwrap(), None, Vec3::new(0.0, 0.0, -0.01));
+    let cube = || shapes::sample_box(Vec3::repeat(0.03), 600).unwrap();
+    let [stays, goes] = [-0.04, 0.04].map(|x| add(&mut world, cube(), Some(0.1), Vec3::new(x, 0.0, 0.015)));
+    (0..50).for_each(|_| drop(world.step()));
+    assert!(world.contacts().len() > 10, "{} contacts", world.contacts().len());
+    world.remove_body(goes).unwrap();
+    world.body_mut(stays).unwrap().set_pose(Pose::translation(0.0, 0.0, 0.5)).unwrap();
+    let report = world.step();
+    assert_eq!((report.contacts, report.ill_posed), (0, 0));
+}

@@ -35,7 +35,7 @@ fn soft(model: ComplianceModel, tau: Real) -> Material {
 }
 
 fn local() -> ComplianceModel {
-    ComplianceModel::layer(1e6, 0.3, 5e-3).unwrap()
+    ComplianceModel::gaussian(1e6, 0.3, 5e-3).unwrap()
 }
 
 /// The same options with both models written down as matrices.
@@ -89,7 +89,7 @@ fn a_matrix_equal_to_the_local_model_gives_its_pressures_on_either_side_with_and
 
 #[test]
 fn a_matrix_of_independent_springs_gives_their_pressures() {
-    let springs = ComplianceModel::Local { foundation_modulus: 1e9, width: 1e-3, share: 0.0 };
+    let springs = ComplianceModel::Gaussian { foundation_modulus: 1e9, width: 1e-3, share: 0.0 };
     for fine_ball in [true, false] {
         let worst = worst_difference(&options([soft(springs.clone(), 1e-3), soft(springs.clone(), 1e-3)], fine_ball));
         println!("fine ball {fine_ball}: pressures differ by {worst:.1e} of the peak");

@@ -24,7 +24,7 @@ fn fingertip() -> Arc<Surface> {
 }
 
 fn springs() -> Material {
-    let model = ComplianceModel::Local { foundation_modulus: FOUNDATION, width: 1e-3, share: 0.0 };
+    let model = ComplianceModel::Gaussian { foundation_modulus: FOUNDATION, width: 1e-3, share: 0.0 };
     Material::preset("fingertip_pulp").unwrap().with_model(model).unwrap()
 }
 

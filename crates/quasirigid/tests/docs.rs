@@ -159,7 +159,7 @@ fn read_sources(folder: &Path, all: &mut String) {
 fn materials_table() -> String {
     let row = |name: &str| {
         let m = Material::preset(name).expect("a name of the list");
-        let ComplianceModel::Local { foundation_modulus, .. } = m.model else { unreachable!("presets are local") };
+        let ComplianceModel::Gaussian { foundation_modulus, .. } = m.model else { unreachable!("presets are Gaussian") };
         format!(
             "| `{name}` | {} | {} | {} | {} | {} | {} | {:.2e} |",
             m.density,

@@ -41,7 +41,7 @@ fn surface_of(surface: PointSurface, control_points: usize) -> Arc<Surface> {
 
 fn models() -> [(&'static str, Material); 3] {
     let pulp = Material::preset("fingertip_pulp").unwrap();
-    let wide = ComplianceModel::Local { foundation_modulus: 3.9e7, width: 1e-3, share: 0.7 };
+    let wide = ComplianceModel::Gaussian { foundation_modulus: 3.9e7, width: 1e-3, share: 0.7 };
     [
         ("layer", pulp.clone()),
         ("wide Gaussian", pulp.clone().with_model(wide).unwrap()),

@@ -64,7 +64,7 @@ class GraspChoice:
     friction: Friction = None
     material: MaterialName = "wood"
     squeeze: Squeeze = None
-    compliance: ComplianceModel = Compliance.local
+    compliance: ComplianceModel = Compliance.gaussian
     object_motion: Motion = ObjectMotion.inertial
     support: Support = None
     dt: TimeStep = 1e-3

@@ -17,8 +17,9 @@ class Compliance(str, Enum):
     """How surfaces deform."""
 
     local = "local"
-    half_space = "half-space"
     layer = "layer"
+    half_space = "half-space"
+    gaussian = "gaussian"
 
 
 class ObjectMotion(str, Enum):
@@ -83,7 +84,9 @@ Squeeze = Annotated[
     float | None,
     typer.Option(metavar="NEWTON", help="Of the thumb. Default: 4, more if heavy.", rich_help_panel=PHYSICS),
 ]
-ComplianceModel = Annotated[Compliance, typer.Option(metavar="MODEL", help="local, half-space or layer.", rich_help_panel=PHYSICS)]
+ComplianceModel = Annotated[
+    Compliance, typer.Option(metavar="MODEL", help="local, layer, half-space or gaussian.", rich_help_panel=PHYSICS)
+]
 Support = Annotated[
     str | None,
     typer.Option(

@@ -42,8 +42,10 @@ class GraspOptions:
     squeeze: float | None = None
     """Force of the thumb, N; each of the two fingers presses with half of it. Default 4 N, and for an object from a file
     three times what friction needs if that is more."""
-    compliance: Literal["local", "half-space", "layer"] = "local"
-    """``"local"`` (the paper's), ``"half-space"`` or ``"layer"`` (bonded to a rigid backing), of fingers and object."""
+    compliance: Literal["local", "layer", "half-space", "gaussian"] = "gaussian"
+    """Of fingers and object: ``"local"`` (a bonded layer, normal and tangential displacements apart), ``"layer"`` (the same with what couples
+    them), ``"half-space"`` or ``"gaussian"`` (the paper's).
+    """
     object_motion: Literal["inertial", "quasi-static"] = "inertial"
     """``"inertial"``, or ``"quasi-static"`` for the paper's bodies without inertia (object and fingers)."""
     support: Literal["table", "post"] | None = None
@@ -83,7 +85,7 @@ class GraspOptions:
             raise InvalidValueError("up or rotate", "an object from a file to turn", "the built-in box", "add --object FILE")
         if self.support not in (None, "table", "post"):
             raise UnknownNameError("support", "table or post", self.support, "leave it out for what is usual")
-        for name, known in (("compliance", ("local", "half-space", "layer")), ("object_motion", ("inertial", "quasi-static"))):
+        for name, known in (("compliance", ("local", "layer", "half-space", "gaussian")), ("object_motion", ("inertial", "quasi-static"))):
             if getattr(self, name) not in known:
                 raise UnknownNameError(name.replace("_", " "), " or ".join(known), getattr(self, name), "choose one of them")
         if self.material not in Material.preset_names():

@@ -36,7 +36,7 @@ USUAL: dict[str, list[Any]] = {
     "targets": [()], "source_port": [0],
     "iterations": [0, 5], "tolerance": [1e-6], "max_sweeps": [10], "normal": [(0, 0, 1)], "normals": [None], "areas": [None],
     "semi_axes": [(0.012, 0.0085, 0.007)], "threads": [1, 2],
-    "dt": [1e-3], "gravity": [(0, 0, -9.81)], "compliance": ["local", "half-space"], "speed": [1.0, 0.1], "now": [0.0, 0.1], "time": [0.0],
+    "dt": [1e-3], "gravity": [(0, 0, -9.81)], "compliance": ["local", "layer", "half-space", "gaussian"], "speed": [1.0, 0.1], "now": [0.0, 0.1], "time": [0.0],
     "arrival": [0.0], "rate": [20.0],
     "stiffness": [1.0, (100.0, 1.0)], "damping": [1.0, (1.0, 0.1)], "direction": [None, (1, 0, 0)], "ratio": [None, 2.0],
     "time_budget": [None, 0.01], "step_budget": [None, 0.01],

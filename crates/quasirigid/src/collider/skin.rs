@@ -8,7 +8,7 @@ mod stored;
 
 pub(crate) use stored::StoredSkin;
 
-use crate::collider::material::{ComplianceModel, Material};
+use crate::collider::material::{ComplianceModel, LARGEST_LAYER_POISSON_RATIO, Material};
 use crate::error::Result;
 use crate::math::{Real, Vec3};
 use crate::surface::implicit::{Cloud, evaluate};
@@ -316,17 +316,18 @@ impl Skin {
 /// The compliance of a surface of a material.
 pub(crate) fn compliance_of(surface: &Surface, material: &Material) -> Result<Compliance> {
     material.check_for(&surface.control)?;
+    let Material { young_modulus, poisson_ratio, layer_thickness, .. } = *material;
+    let local = |local: LocalCompliance| Compliance::Local(Arc::new(local));
     Ok(match &material.model {
-        &ComplianceModel::Local { foundation_modulus, width, share } => {
-            Compliance::Local(Arc::new(LocalCompliance::build(&surface.control, foundation_modulus, width, share)))
+        ComplianceModel::Local => {
+            let nu = poisson_ratio.min(LARGEST_LAYER_POISSON_RATIO);
+            local(LocalCompliance::layer(&surface.control, young_modulus, nu, layer_thickness))
         }
-        ComplianceModel::HalfSpace => {
-            Compliance::GreensFunction(GreensFunction::half_space(material.young_modulus, material.poisson_ratio))
+        &ComplianceModel::Gaussian { foundation_modulus, width, share } => {
+            local(LocalCompliance::gaussian(&surface.control, foundation_modulus, width, share))
         }
-        ComplianceModel::Layer => {
-            let Material { young_modulus, poisson_ratio, layer_thickness, .. } = *material;
-            Compliance::GreensFunction(GreensFunction::layer(young_modulus, poisson_ratio, layer_thickness))
-        }
+        ComplianceModel::HalfSpace => Compliance::GreensFunction(GreensFunction::half_space(young_modulus, poisson_ratio)),
+        ComplianceModel::Layer => Compliance::GreensFunction(GreensFunction::layer(young_modulus, poisson_ratio, layer_thickness)),
         ComplianceModel::Matrix(matrix) => Compliance::Matrix(matrix.clone()),
     })
 }

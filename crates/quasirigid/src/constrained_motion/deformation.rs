@@ -219,12 +219,23 @@ fn decay(side: &mut PatchSide, alpha: Real) {
 /// `u <- alpha u + C f` at every control point that a loaded one reaches.
 fn displace_local(side: &mut PatchSide, operator: &SideOperator<'_>, local: &LocalCompliance, scratch: &Scratch) {
     decay(side, operator.alpha);
+    let normals = &operator.skin.surface.control.normals;
     for &j in &scratch.loaded {
         let j = j as usize;
         let force = scratch.force[j] * operator.share();
+        if local.is_isotropic() {
+            operator.local_row(local, j, scratch.area[j], |i, value| {
+                side.touch(i);
+                side.displacement[i] += force * value.normal;
+            });
+            continue;
+        }
+        let along = normals[j].dot(&force);
+        let across = force - normals[j] * along;
         operator.local_row(local, j, scratch.area[j], |i, value| {
             side.touch(i);
-            side.displacement[i] += force * value;
+            let moved = across * value.tangential;
+            side.displacement[i] += moved + normals[i] * (along * value.normal - normals[i].dot(&moved));
         });
     }
     forget_small(side);

@@ -98,9 +98,22 @@ impl Scratch {
             let rotated =
                 |block: Mat3| if side.side == Side::A { block } else { rotation_ab * block * rotation_ab.transpose() } * side.share();
             match &side.skin.compliance {
+                Compliance::Local(local) if side.side == Side::A && !local.is_isotropic() => {
+                    let Contact { control_point, area, .. } = patch[i];
+                    side.local_row(local, control_point as usize, area, |l, value| {
+                        for &(j, _) in nodes.contacts_at(l) {
+                            rows.add_axial(j, value * side.share());
+                        }
+                    });
+                }
+                Compliance::Local(local) if !local.is_isotropic() => {
+                    let block = |k: Node, l: usize| side.local_block(local, k.control_point, l, k.area) * k.weight;
+                    nodes.interpolate(tensor, |l| rotated(side.nodes(&patch[i]).map(|k| block(k, l)).sum()));
+                    rows.add_tensors(index, tensor);
+                }
                 Compliance::Local(local) => {
                     for k in side.nodes(&patch[i]) {
-                        side.local_row(local, k.control_point, k.area, |l, value| nodes.add(l, k.weight * side.share() * value));
+                        side.local_row(local, k.control_point, k.area, |l, value| nodes.add(l, k.weight * side.share() * value.normal));
                     }
                     for t in 0..nodes.touched.len() {
                         let place = nodes.touched[t] as usize;
@@ -125,14 +138,8 @@ impl Scratch {
                     rows.add_tensors(index, tensor);
                 }
                 Compliance::Matrix(matrix) => {
-                    tensor.fill(Mat3::zeros());
-                    for (place, &l) in nodes.used.iter().enumerate() {
-                        let block = |k: Node| side.matrix_block(matrix, k.control_point, l as usize, k.area) * k.weight;
-                        let moved = rotated(side.nodes(&patch[i]).map(block).sum());
-                        for &(j, weight) in &nodes.contacts[nodes.contacts_of(place)] {
-                            tensor[j as usize] += moved * weight;
-                        }
-                    }
+                    let block = |k: Node, l: usize| side.matrix_block(matrix, k.control_point, l, k.area) * k.weight;
+                    nodes.interpolate(tensor, |l| rotated(side.nodes(&patch[i]).map(|k| block(k, l)).sum()));
                     rows.add_tensors(index, tensor);
                 }
             }
@@ -181,6 +188,23 @@ impl Nodes {
 
     fn contacts_of(&self, place: usize) -> Range<usize> {
         self.starts[place] as usize..self.starts[place + 1] as usize
+    }
+
+    /// Contacts of a control point, with their weights; none of one that has none.
+    fn contacts_at(&self, control_point: usize) -> &[(u32, Real)] {
+        let place = self.place[control_point];
+        if place == NONE { &[] } else { &self.contacts[self.contacts_of(place as usize)] }
+    }
+
+    /// `row_j = sum over control points l of block(l) h_jl`.
+    fn interpolate(&self, row: &mut [Mat3], block: impl Fn(usize) -> Mat3) {
+        row.fill(Mat3::zeros());
+        for (place, &l) in self.used.iter().enumerate() {
+            let moved = block(l as usize);
+            for &(j, weight) in &self.contacts[self.contacts_of(place)] {
+                row[j as usize] += moved * weight;
+            }
+        }
     }
 
     /// Adds to the row of `C` under way, if the control point is that of any contact.

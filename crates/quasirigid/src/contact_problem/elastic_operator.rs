@@ -14,7 +14,7 @@
 use crate::collider::Skin;
 use crate::math::{Mat3, Real, Vec3};
 use crate::pair::Contact;
-use crate::surface::{ComplianceMatrix, Loaded, LocalCompliance};
+use crate::surface::{AxialCompliance, ComplianceMatrix, Loaded, LocalCompliance};
 
 /// Which of the two surfaces of a pair: `a` carries the control points of the contacts, `b` is what they are projected on.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,14 +71,21 @@ impl<'a> SideOperator<'a> {
     /// Row `k` of the static compliance of a local model (m/N): `add` gets control points and entries, `k`
     /// itself twice where `area` is not its own. The row is the column, too: `C` is symmetric.
     #[inline]
-    pub fn local_row(&self, local: &LocalCompliance, k: usize, area: Real, mut add: impl FnMut(usize, Real)) {
+    pub fn local_row(&self, local: &LocalCompliance, k: usize, area: Real, mut add: impl FnMut(usize, AxialCompliance)) {
         for e in local.neighbours.range(k) {
             add(local.neighbours.index[e] as usize, local.values[e]);
         }
-        let change = local.change_for_area(&self.skin.surface.control, k, area);
-        if change != 0.0 {
-            add(k, change);
+        if area != self.skin.surface.control.areas[k] {
+            add(k, local.change_for_area(&self.skin.surface.control, k, area));
         }
+    }
+
+    /// Block of the static compliance of a local model between the control points `k` and `l`, m/N; `area`: of node `k`.
+    #[inline]
+    pub fn local_block(&self, local: &LocalCompliance, k: usize, l: usize, area: Real) -> Mat3 {
+        let control = &self.skin.surface.control;
+        let own = if k == l && area != control.areas[k] { local.change_for_area(control, k, area) } else { AxialCompliance::default() };
+        (local.value(k, l) + own).block(&control.normals[k], &control.normals[l])
     }
 
     /// Block of the static compliance of a matrix between the control points `k` and `l`, m/N; `area`: of node `k`.

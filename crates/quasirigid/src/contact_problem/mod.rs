@@ -192,6 +192,8 @@ pub(crate) fn contact_problem(
                     i - 1 < first || (i - 1 > first && out.w.is_well_posed(i - 1))
                 });
                 out.ill_posed += before - contacts.len();
+                // The operator holds rows of contacts that are gone.
+                out.held.clear();
             }
         }
     }
@@ -218,7 +220,7 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &[Pair], objects:
         let start = Instant::now();
         let pair = &pairs[patch[0].pair as usize];
         let [side_a, side_b] = pair.sides(objects);
-        if side_a.active_skin().is_some() && side_b.active_skin().is_some() {
+        if let (Some(skin_a), Some(_)) = (side_a.active_skin(), side_b.active_skin()) {
             out.rigid.clear();
             for contact in patch {
                 let axes = friction_axes(contact);
@@ -244,6 +246,7 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &[Pair], objects:
                 if drag > 0.0 {
                     out.w.set_drag(drag * contact.area);
                 }
+                out.w.set_normal(&skin_a.surface.control.normals[contact.control_point as usize]);
                 if let Some(rows) = rows.filter(|_| !hold) {
                     out.elastic_rows[rows].push_row(&mut out.w, i, first);
                 }
@@ -299,7 +302,7 @@ fn refresh_elastic_rows(out: &mut ContactProblem, contacts: &[Contact], pairs: &
         }
         patches += 1;
     }
-    same &= out.held.len() == patches;
+    same &= out.held.len() == patches && patches > 0;
     out.held.truncate(patches);
     // Rows of a pair that has lost touch are not those of the contacts that it may
     // find later; their memory is kept for as long as the pair is.

@@ -4,6 +4,7 @@
 use crate::delassus::MatrixFree;
 use crate::math::{Mat3, Real};
 use crate::pair::Contact;
+use crate::surface::AxialCompliance;
 use serde::{Deserialize, Serialize};
 
 /// Rows are kept while the two bodies have rotated against each other by less than this, rad. The operator of the solver and that of
@@ -36,6 +37,10 @@ pub struct ElasticRows {
     pub(super) ends: Vec<u32>,
     pub(super) columns: Vec<u32>,
     pub(super) values: Vec<Real>,
+    /// Ends of the rows in `axial_columns`: entries of side `a` that differ along the normals and across them.
+    pub(super) axial_ends: Vec<u32>,
+    pub(super) axial_columns: Vec<u32>,
+    pub(super) axial_values: Vec<AxialCompliance>,
     /// Tensors of either side, all rows of all contacts, dense, in the axes of the
     /// link of `a`; empty for a side that is isotropic or rigid.
     pub(super) tensors: [Vec<Mat3>; 2],
@@ -86,6 +91,9 @@ impl ElasticRows {
         self.ends.clear();
         self.columns.clear();
         self.values.clear();
+        self.axial_ends.clear();
+        self.axial_columns.clear();
+        self.axial_values.clear();
         let first = usize::from(keeps_a);
         self.tensors[first..].iter_mut().for_each(Vec::clear);
         keeps_a
@@ -94,6 +102,11 @@ impl ElasticRows {
     pub(super) fn add_isotropic(&mut self, j: u32, value: Real) {
         self.columns.push(j);
         self.values.push(value);
+    }
+
+    pub(super) fn add_axial(&mut self, j: u32, value: AxialCompliance) {
+        self.axial_columns.push(j);
+        self.axial_values.push(value);
     }
 
     /// A row of side `a` (0) or `b` (1).
@@ -125,6 +138,7 @@ impl ElasticRows {
 
     pub(super) fn end_row(&mut self) {
         self.ends.push(self.columns.len() as u32);
+        self.axial_ends.push(self.axial_columns.len() as u32);
     }
 
     /// Hands row `i` to the operator; `first` is the number of the patch's first contact in the whole problem.
@@ -133,6 +147,11 @@ impl ElasticRows {
         let range = start..self.ends[i] as usize;
         for (j, value) in self.columns[range.clone()].iter().zip(&self.values[range]) {
             w.push_isotropic(first + *j as usize, *value);
+        }
+        let start = if i == 0 { 0 } else { self.axial_ends[i - 1] as usize };
+        let range = start..self.axial_ends[i] as usize;
+        for (j, value) in self.axial_columns[range.clone()].iter().zip(&self.axial_values[range]) {
+            w.push_axial(first + *j as usize, [value.tangential, value.normal]);
         }
         match (self.tensor_row(0, i), self.tensor_row(1, i)) {
             (Some(a), Some(b)) => a.iter().zip(b).enumerate().for_each(|(j, (a, b))| w.push_tensor(first + j, &(a + b))),

@@ -3,14 +3,15 @@
 //! ```text
 //! W = W_rigid + W_deform
 //! W_rigid  = sum over bodies of (J S)(J S)^T,          A^-1 = S S^T
-//! W_deform = axes_i^T (g_ij I + K_ij) axes_j           between contacts of one patch
+//! W_deform = axes_i^T (g_ij I + t_ij P_i P_j + n_ij m_i m_j^T + K_ij) axes_j           between contacts of one patch
 //! ```
 //!
 //! `J S` is 3x6 (contact rows over the factored coordinates of a body; unused columns zero), so the rigid part
 //! of a row of `W f` is `(J S) y` with one accumulator `y = sum (J S)^T f` of 6 numbers per body. `axes` is the
 //! rotation from a contact frame to the elastic axes of its patch, where an isotropic compliance is one number
-//! `g` (m/N) per pair and the forces `F_j = axes_j f_j` need turning once, not once per pair. A row then costs
-//! two 3x6 products and one multiply-add of a 3-vector per neighbour.
+//! `g` (m/N) per pair and the forces `F_j = axes_j f_j` need turning once, not once per pair. One that differs along the
+//! surface's normal `m` and across it is two numbers, `n` and `t` (m/N; `P = I - m m^T`), and `P_j F_j` and `m_j . F_j`
+//! are found once, too. A row then costs two 3x6 products and one multiply-add of four numbers per neighbour.
 //!
 //! How it is filled is in the file `fill.rs`.
 
@@ -26,10 +27,10 @@ pub const NO_BODY: u32 = u32::MAX;
 
 /// Rows (normal, tangent1, tangent2) of `J S`, one after the other in memory: `y += row * f` is then six multiply-adds side by side.
 type Rows = [[Real; 6]; 3];
-/// A 3-vector with an unused fourth number, so that two pairs fill two vector registers.
+/// A 3-vector and a fourth number, so that two pairs fill two vector registers.
 type Padded = [Real; 4];
 
-/// One contact: two bodies and the rotation to the elastic axes. 384 bytes.
+/// One contact: two bodies and the rotation to the elastic axes. 408 bytes.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Contact {
     a: u32,
@@ -38,6 +39,8 @@ struct Contact {
     jb: Rows,
     /// Contact frame to elastic axes: `F = axes f`.
     axes: Mat3,
+    /// Unit normal `m` of the surface, elastic axes; any where no entry asks for it.
+    normal: Vec3,
 }
 
 /// `W` of a set of contacts, matrix-free, with the reactions it is applied to. See the module.
@@ -53,6 +56,12 @@ pub struct MatrixFree {
     isotropic_starts: Vec<u32>,
     isotropic_columns: Vec<u32>,
     isotropic_values: Vec<Real>,
+    /// Per contact `P F` and `m . F`, N.
+    split_forces: Vec<Padded>,
+    axial_starts: Vec<u32>,
+    axial_columns: Vec<u32>,
+    /// `t` and `n` of the module, m/N.
+    axial_values: Vec<[Real; 2]>,
     tensor_starts: Vec<u32>,
     tensor_columns: Vec<u32>,
     tensor_values: Vec<Mat3>,
@@ -85,6 +94,11 @@ impl MatrixFree {
         for (_, g) in columns.iter().zip(values).filter(|(c, _)| **c as usize == j) {
             elastic += Mat3::identity() * *g;
         }
+        let (columns, values) = self.axial_row(i);
+        for (_, [t, n]) in columns.iter().zip(values).filter(|(c, _)| **c as usize == j) {
+            let [across_i, across_j] = [ci, cj].map(|contact| Mat3::identity() - contact.normal * contact.normal.transpose());
+            elastic += across_i * across_j * *t + ci.normal * (cj.normal * *n).transpose();
+        }
         let (columns, values) = self.tensor_row(i);
         for (_, k) in columns.iter().zip(values).filter(|(c, _)| **c as usize == j) {
             elastic += k;
@@ -96,13 +110,20 @@ impl MatrixFree {
     pub(crate) fn is_coupled(&self, i: usize, j: usize) -> bool {
         let (ci, cj) = (&self.contacts[i], &self.contacts[j]);
         let common = |slot: u32| slot != NO_BODY && (slot == cj.a || slot == cj.b);
-        common(ci.a) || common(ci.b) || self.isotropic_row(i).0.contains(&(j as u32)) || self.tensor_row(i).0.contains(&(j as u32))
+        let columns = [self.isotropic_row(i).0, self.axial_row(i).0, self.tensor_row(i).0];
+        common(ci.a) || common(ci.b) || columns.iter().any(|columns| columns.contains(&(j as u32)))
     }
 
     fn isotropic_row(&self, i: usize) -> (&[u32], &[Real]) {
         let start = self.isotropic_starts[i] as usize;
         let end = self.isotropic_starts.get(i + 1).map_or(self.isotropic_columns.len(), |&end| end as usize);
         (&self.isotropic_columns[start..end], &self.isotropic_values[start..end])
+    }
+
+    fn axial_row(&self, i: usize) -> (&[u32], &[[Real; 2]]) {
+        let start = self.axial_starts[i] as usize;
+        let end = self.axial_starts.get(i + 1).map_or(self.axial_columns.len(), |&end| end as usize);
+        (&self.axial_columns[start..end], &self.axial_values[start..end])
     }
 
     fn tensor_row(&self, i: usize) -> (&[u32], &[Mat3]) {
@@ -129,6 +150,24 @@ impl MatrixFree {
         }
         let [s0, s1, s2, s3] = sums;
         let mut u = Vec3::from_fn(|k, _| (s0[k] + s1[k]) + (s2[k] + s3[k]));
+        let (columns, values) = self.axial_row(i);
+        if !columns.is_empty() {
+            let mut sums = [[0.0; 4]; 4];
+            let (columns4, rest_columns) = columns.as_chunks::<4>();
+            let (values4, rest_values) = values.as_chunks::<4>();
+            for (columns, values) in columns4.iter().zip(values4) {
+                for lane in 0..4 {
+                    add_split(&mut sums[lane], &self.split_forces[columns[lane] as usize], values[lane]);
+                }
+            }
+            for (column, value) in rest_columns.iter().zip(rest_values) {
+                add_split(&mut sums[0], &self.split_forces[*column as usize], *value);
+            }
+            let [s0, s1, s2, s3] = sums;
+            let sum: Padded = std::array::from_fn(|k| (s0[k] + s1[k]) + (s2[k] + s3[k]));
+            let (across, normal) = (Vec3::new(sum[0], sum[1], sum[2]), &self.contacts[i].normal);
+            u += across + normal * (sum[3] - normal.dot(&across));
+        }
         let (columns, values) = self.tensor_row(i);
         for (column, k) in columns.iter().zip(values) {
             let [f0, f1, f2, _] = self.forces[*column as usize];
@@ -151,7 +190,7 @@ impl Delassus for MatrixFree {
         for body in &mut self.bodies {
             *body = [0.0; 6];
         }
-        for force in &mut self.forces {
+        for force in self.forces.iter_mut().chain(&mut self.split_forces) {
             *force = [0.0; 4];
         }
         for (i, f) in f.iter().enumerate() {
@@ -178,9 +217,13 @@ impl Delassus for MatrixFree {
     fn add_reaction(&mut self, i: usize, change: &Vec3) {
         let contact = &self.contacts[i];
         let turned = contact.axes * change;
+        let along = contact.normal.dot(&turned);
+        let across = turned - contact.normal * along;
         for k in 0..3 {
             self.forces[i][k] += turned[k];
+            self.split_forces[i][k] += across[k];
         }
+        self.split_forces[i][3] += along;
         for (slot, rows) in [(contact.a, &contact.ja), (contact.b, &contact.jb)] {
             if slot != NO_BODY {
                 let y = &mut self.bodies[slot as usize];
@@ -196,6 +239,13 @@ impl Delassus for MatrixFree {
 fn add_scaled(sum: &mut Padded, force: &Padded, g: Real) {
     for k in 0..4 {
         sum[k] += g * force[k];
+    }
+}
+
+#[inline]
+fn add_split(sum: &mut Padded, force: &Padded, [t, n]: [Real; 2]) {
+    for (k, factor) in [t, t, t, n].into_iter().enumerate() {
+        sum[k] += factor * force[k];
     }
 }
 

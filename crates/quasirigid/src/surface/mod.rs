@@ -10,7 +10,7 @@ pub mod sphere_tree;
 pub mod surface_model;
 pub mod surface_source;
 
-pub use compliance::{Compliance, ComplianceMatrix, GreensFunction, Loaded, LocalCompliance};
+pub use compliance::{AxialCompliance, Compliance, ComplianceMatrix, GreensFunction, Loaded, LocalCompliance};
 pub use control_points::{ControlPoints, Weights};
 pub use implicit::{Kernel, Projection};
 pub use sampling::cloud::{Screened, screen_cloud};

@@ -1,7 +1,7 @@
 //! Filling the operator, contact by contact; and taking contacts out of it.
 //!
 //! [`MatrixFree::clear`], then for each contact [`MatrixFree::push_contact`] followed by the entries of its elastic
-//! row ([`MatrixFree::push_isotropic`], [`MatrixFree::push_tensor`]), then [`MatrixFree::finish`]. The memory is kept
+//! row ([`MatrixFree::push_isotropic`], [`MatrixFree::push_axial`], [`MatrixFree::push_tensor`]), then [`MatrixFree::finish`]. The memory is kept
 //! from one step to the next.
 
 use super::{Contact, MatrixFree, NO_BODY, Rows};
@@ -17,6 +17,7 @@ impl MatrixFree {
         self.bodies.clear();
         self.bodies.resize(bodies, [0.0; 6]);
         self.forces.clear();
+        self.split_forces.clear();
         self.drags.clear();
         self.rows_kept = true;
     }
@@ -28,6 +29,9 @@ impl MatrixFree {
         self.isotropic_starts.clear();
         self.isotropic_columns.clear();
         self.isotropic_values.clear();
+        self.axial_starts.clear();
+        self.axial_columns.clear();
+        self.axial_values.clear();
         self.tensor_starts.clear();
         self.tensor_columns.clear();
         self.tensor_values.clear();
@@ -41,9 +45,17 @@ impl MatrixFree {
     pub fn push_contact(&mut self, a: u32, ja: &Mat3x6, b: u32, jb: &Mat3x6, axes: &Mat3) {
         if !self.rows_kept {
             self.isotropic_starts.push(self.isotropic_columns.len() as u32);
+            self.axial_starts.push(self.axial_columns.len() as u32);
             self.tensor_starts.push(self.tensor_columns.len() as u32);
         }
-        self.contacts.push(Contact { a, b, ja: rows(ja), jb: rows(jb), axes: *axes });
+        self.contacts.push(Contact { a, b, ja: rows(ja), jb: rows(jb), axes: *axes, normal: Vec3::x() });
+    }
+
+    /// Gives the contact pushed last the unit normal of its surface in elastic axes, for [`MatrixFree::push_axial`].
+    pub fn set_normal(&mut self, normal: &Vec3) {
+        if let Some(last) = self.contacts.last_mut() {
+            last.normal = *normal;
+        }
     }
 
     /// Gives the contact pushed last a viscous drag, N/m; see [`ContactBlock::set_drag`].
@@ -58,6 +70,14 @@ impl MatrixFree {
     pub fn push_isotropic(&mut self, j: usize, g: Real) {
         self.isotropic_columns.push(j as u32);
         self.isotropic_values.push(g);
+    }
+
+    /// Entry of the row of the contact pushed last: `t P_i P_j + n m_i m_j^T` times the force of contact `j`, with `m` the normals of
+    /// [`MatrixFree::set_normal`] and `P = I - m m^T`. `t`, `n`: compliance across the normals and along them, m/N.
+    #[inline]
+    pub fn push_axial(&mut self, j: usize, [t, n]: [Real; 2]) {
+        self.axial_columns.push(j as u32);
+        self.axial_values.push([t, n]);
     }
 
     /// Entry of the row of the contact pushed last: `k` (m/N, in elastic axes) times the force of contact `j`.
@@ -78,8 +98,10 @@ impl MatrixFree {
             return Err(self.isotropic_starts.len().min(n.saturating_sub(1)));
         }
         self.blocks.clear();
-        self.forces.clear();
-        self.forces.resize(n, [0.0; 4]);
+        for forces in [&mut self.forces, &mut self.split_forces] {
+            forces.clear();
+            forces.resize(n, [0.0; 4]);
+        }
         for body in &mut self.bodies {
             *body = [0.0; 6];
         }
@@ -116,6 +138,11 @@ impl MatrixFree {
             for (&j, g) in columns.iter().zip(values).filter(|(j, _)| keep(**j as usize)) {
                 rows.push_isotropic(places[j as usize] as usize, *g);
             }
+            rows.axial_starts.push(rows.axial_columns.len() as u32);
+            let (columns, values) = self.axial_row(i);
+            for (&j, value) in columns.iter().zip(values).filter(|(j, _)| keep(**j as usize)) {
+                rows.push_axial(places[j as usize] as usize, *value);
+            }
             rows.tensor_starts.push(rows.tensor_columns.len() as u32);
             let (columns, values) = self.tensor_row(i);
             for (&j, k) in columns.iter().zip(values).filter(|(j, _)| keep(**j as usize)) {
@@ -123,6 +150,7 @@ impl MatrixFree {
             }
             rows.contacts.push(self.contacts[i].clone());
             rows.forces.push(self.forces[i]);
+            rows.split_forces.push(self.split_forces[i]);
             rows.blocks.extend(self.blocks.get(i).cloned());
         }
         let drags = self.drags.iter().filter(|(i, _)| keep(*i as usize));
@@ -144,9 +172,10 @@ impl MatrixFree {
 
     /// Whether the elastic row of contact `i` is finite and names contacts that exist.
     fn row_is_sound(&self, i: usize) -> bool {
-        let (isotropic, tensor) = (self.isotropic_row(i), self.tensor_row(i));
-        let columns_exist = isotropic.0.iter().chain(tensor.0).all(|&j| (j as usize) < self.contacts.len());
-        columns_exist && isotropic.1.iter().all(|g| g.is_finite()) && tensor.1.iter().flat_map(|k| k.iter()).all(|x| x.is_finite())
+        let (isotropic, axial, tensor) = (self.isotropic_row(i), self.axial_row(i), self.tensor_row(i));
+        let columns_exist = isotropic.0.iter().chain(axial.0).chain(tensor.0).all(|&j| (j as usize) < self.contacts.len());
+        let mut entries = isotropic.1.iter().chain(axial.1.iter().flatten()).chain(tensor.1.iter().flat_map(|k| k.iter()));
+        columns_exist && entries.all(|x| x.is_finite())
     }
 }
 

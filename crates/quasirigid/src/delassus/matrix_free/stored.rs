@@ -5,8 +5,11 @@ use super::{MatrixFree, NO_BODY};
 impl MatrixFree {
     /// Refuses an operator whose parts do not fit together, or that is for another number of `contacts`.
     pub(crate) fn check(&self, contacts: usize) -> Result<(), String> {
-        let lengths = [self.contacts.len(), self.blocks.len(), self.forces.len(), self.isotropic_starts.len(), self.tensor_starts.len()];
-        if lengths != [contacts; 5] {
+        let starts = [&self.isotropic_starts, &self.axial_starts, &self.tensor_starts];
+        let [isotropic, axial, tensor] = starts.map(Vec::len);
+        let forces = [self.forces.len(), self.split_forces.len()];
+        let lengths = [self.contacts.len(), self.blocks.len(), forces[0], forces[1], isotropic, axial, tensor];
+        if lengths != [contacts; 7] {
             return Err(format!("an operator with {lengths:?} parts of {contacts} contacts"));
         }
         let slots = self.contacts.iter().flat_map(|contact| [contact.a, contact.b]);
@@ -16,16 +19,12 @@ impl MatrixFree {
         let rise = |starts: &[u32], end: usize| {
             starts.is_sorted() && starts.first().is_none_or(|&first| first == 0) && starts.last().is_none_or(|&last| last as usize <= end)
         };
-        let isotropic = (self.isotropic_columns.len(), self.isotropic_values.len());
-        let tensor = (self.tensor_columns.len(), self.tensor_values.len());
-        if isotropic.0 != isotropic.1
-            || tensor.0 != tensor.1
-            || !rise(&self.isotropic_starts, isotropic.0)
-            || !rise(&self.tensor_starts, tensor.0)
-        {
+        let columns = [&self.isotropic_columns, &self.axial_columns, &self.tensor_columns];
+        let values = [self.isotropic_values.len(), self.axial_values.len(), self.tensor_values.len()];
+        if columns.map(Vec::len) != values || !starts.iter().zip(values).all(|(starts, end)| rise(starts, end)) {
             return Err("elastic rows that do not fit together".into());
         }
-        if self.isotropic_columns.iter().chain(&self.tensor_columns).any(|&j| j as usize >= contacts) {
+        if columns.into_iter().flatten().any(|&j| j as usize >= contacts) {
             return Err("an elastic row with a contact that is not there".into());
         }
         if self.drags.iter().any(|&(i, _)| i as usize >= contacts) {

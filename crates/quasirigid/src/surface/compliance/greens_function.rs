@@ -1,5 +1,6 @@
 //! Green's function of an elastic continuum at its surface: a half-space, or a layer bonded to a rigid backing.
 
+use super::AxialCompliance;
 use super::bonded_layer::LayerTable;
 use super::influence::Influence;
 use crate::math::{Mat3, Real, Vec3};
@@ -31,6 +32,37 @@ pub struct Loaded {
     pub normal: Vec3,
     /// Area that the load is spread over, m^2.
     pub area: Real,
+}
+
+/// The plane that two places share.
+struct SharedPlane {
+    /// Its unit normal, the mean of the two, and the length of their sum.
+    m: Vec3,
+    length: Real,
+    /// `(1 + n_i . n_j) / 2`.
+    taper: Real,
+    /// From `j` to `i` in the plane, and how long that is, m.
+    flat: Vec3,
+    distance: Real,
+    /// Distance below which loads over their areas are not told apart, m.
+    closest: Real,
+}
+
+impl SharedPlane {
+    /// `None` of places that look away from each other.
+    #[inline]
+    fn of(i: &Loaded, j: &Loaded) -> Option<Self> {
+        let mean = i.normal + j.normal;
+        let length = mean.norm();
+        if length < 1e-6 {
+            return None;
+        }
+        let m = mean / length;
+        let between = i.point - j.point;
+        let flat = between - m * m.dot(&between);
+        let closest = CLOSEST_OVER_RADII * ((i.area / PI).sqrt() + (j.area / PI).sqrt());
+        Some(Self { m, length, taper: 0.25 * length * length, flat, distance: flat.norm(), closest })
+    }
 }
 
 impl GreensFunction {
@@ -90,21 +122,9 @@ impl GreensFunction {
     /// places the matrix would not be positive definite otherwise.
     #[inline]
     pub fn block_between(&self, i: &Loaded, j: &Loaded) -> Mat3 {
-        let scale = 1.0 / (2.0 * PI * self.shear_modulus);
-        let mean = i.normal + j.normal;
-        let length = mean.norm();
-        if length < 1e-6 {
-            return Mat3::zeros();
-        }
-        let m = mean / length;
-        let taper = 0.25 * length * length; // (1 + n_i . n_j) / 2
-        let between = i.point - j.point;
-        let flat = between - m * m.dot(&between);
-        let distance = flat.norm();
-        let closest = CLOSEST_OVER_RADII * ((i.area / PI).sqrt() + (j.area / PI).sqrt());
-        let r = distance.max(closest);
+        let Some(SharedPlane { m, length, taper, flat, distance, closest }) = SharedPlane::of(i, j) else { return Mat3::zeros() };
+        let Some(Influence { n, x, a, b }) = self.influence(distance.max(closest)) else { return Mat3::zeros() };
         let q = (distance / closest).min(1.0);
-        let Some(Influence { n, x, a, b }) = self.influence(r) else { return Mat3::zeros() };
         let (x, b) = (x * q, b * q * q);
         let e: Vec3 = if distance > 1e-9 * closest { flat / distance } else { Vec3::zeros() };
         let [n_i, n_j] = if self.layer.is_some() { [i.normal, j.normal] } else { [m, m] };
@@ -117,7 +137,15 @@ impl GreensFunction {
         let normal_part = n_i * (n_j * (n - a + b) - e_j * x).transpose();
         let radial_part = e_i * (e_j * (2.0 * b) + n_j * x).transpose();
         let block = turn * (a - b) + normal_part + radial_part;
-        block * (scale * taper)
+        block * (self.scale() * taper)
+    }
+
+    /// `C_ij` of [`GreensFunction::block`] between two loaded places without what couples normal and tangential displacements, and with the
+    /// mean of the tangential ones over all directions: N along the normal, A across it. `None` where that is nothing.
+    pub fn uncoupled(&self, i: &Loaded, j: &Loaded) -> Option<AxialCompliance> {
+        let SharedPlane { taper, distance, closest, .. } = SharedPlane::of(i, j)?;
+        let Influence { n, a, .. } = self.influence(distance.max(closest))?;
+        Some(AxialCompliance { normal: n, tangential: a } * (self.scale() * taper))
     }
 
     /// `C_ii` of [`GreensFunction::block`]: displacement of a place under its own load.
@@ -131,16 +159,25 @@ impl GreensFunction {
     /// that is, its sum over points needs no other correction. A place is never stiffer than the disc that it stands
     /// for, which keeps the matrix positive definite.
     pub fn self_block(&self, at: &Loaded, inverse_distance: Real) -> Mat3 {
+        self.own(at.area, inverse_distance).block(&at.normal, &at.normal)
+    }
+
+    /// N_i and A_i over 2 pi G of [`GreensFunction::self_block`], m/N. `area`: that the load is spread over, m^2.
+    pub fn own(&self, area: Real, inverse_distance: Real) -> AxialCompliance {
         let half_space = Influence::half_space(self.poisson_ratio);
         let [mut normal, mut tangential] = [half_space.n, half_space.a].map(|f| f * inverse_distance);
         if let Some((h, table)) = &self.layer {
-            let [excess, disc] = [table.excess_at_load(), table.of_disc((at.area / PI).sqrt() / h)];
-            let least = if at.area <= h * h { 1.0 } else { LEAST_OVER_DISC_WHERE_SPARSE };
+            let [excess, disc] = [table.excess_at_load(), table.of_disc((area / PI).sqrt() / h)];
+            let least = if area <= h * h { 1.0 } else { LEAST_OVER_DISC_WHERE_SPARSE };
             let own = |half_space: Real, k: usize| (half_space + excess[k] / h).clamp(least * disc[k] / h, MOST_OVER_DISC * disc[k] / h);
             (normal, tangential) = (own(normal, 0), own(tangential, 1));
         }
-        let nn = at.normal * at.normal.transpose();
-        (nn * normal + (Mat3::identity() - nn) * tangential) * (1.0 / (2.0 * PI * self.shear_modulus))
+        AxialCompliance { normal, tangential } * self.scale()
+    }
+
+    /// `1 / (2 pi G)`, m^2/N.
+    fn scale(&self) -> Real {
+        1.0 / (2.0 * PI * self.shear_modulus)
     }
 
     /// The four functions at distance `r` (m), 1/m; `None` where a layer stands still.

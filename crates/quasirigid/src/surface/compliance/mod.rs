@@ -5,29 +5,27 @@
 //! K`, makes the compliance over one step `C = (K + D/dt)^-1 = K^-1 (1 - alpha)` with `alpha = tau/(tau + dt)`, and
 //! the elastic displacement that would be left without force `u_free = alpha u_previous`.
 
+mod axial;
 mod bonded_layer;
 mod greens_function;
 mod influence;
+mod local;
 pub mod matrix;
 
+pub use axial::AxialCompliance;
 pub use greens_function::{GreensFunction, Loaded};
+pub use local::LocalCompliance;
 pub use matrix::ComplianceMatrix;
 
-use crate::math::{Mat3, Real};
+use crate::math::Real;
 use crate::surface::control_points::ControlPoints;
-use crate::surface::search::neighbours::NeighbourGrid;
-use crate::surface::surface_model::Rows;
 use nalgebra::DMatrix;
 use std::sync::Arc;
-
-/// The Gaussian of the local model is cut here, in widths sigma: exp(-6.25) = 0.002 of its peak. What is cut off stays well
-/// below the local share on the diagonal, so the operator stays positive definite.
-const GAUSSIAN_CUT: Real = 2.5;
 
 /// Compliance between the control points of one surface, made from its material.
 #[derive(Debug, Clone)]
 pub enum Compliance {
-    /// The paper's model: a Gaussian of influence and a local share; isotropic, so one number for each pair.
+    /// Normal and tangential displacements that know nothing of each other: two numbers for each pair of control points.
     Local(Arc<LocalCompliance>),
     /// The surface Green's function of an elastic half-space, or of a layer on a rigid backing.
     GreensFunction(GreensFunction),
@@ -35,25 +33,11 @@ pub enum Compliance {
     Matrix(Arc<ComplianceMatrix>),
 }
 
-/// Local model: `u_i = sum_j G_ij f_j`, the same in all directions.
-#[derive(Debug, Clone)]
-pub struct LocalCompliance {
-    /// For each control point those that reach it, itself among them.
-    pub neighbours: Rows,
-    /// `G_ij`, m/N, for each entry.
-    pub values: Vec<Real>,
-    /// `(1 - beta) / k`, m^3/N.
-    local_share: Real,
-}
-
 impl Compliance {
     /// Displacement of the surface under a uniform pressure of 1 Pa on a patch of `area` (m^2), m/Pa. A figure to compare surfaces by.
     pub fn patch_compliance(&self, control: &ControlPoints, area: Real) -> Real {
         match self {
-            // A row sums to 1/k, whatever the patch.
-            Self::Local(local) => {
-                local.neighbours.range(0).map(|e| local.values[e] * control.areas[local.neighbours.index[e] as usize]).sum()
-            }
+            Self::Local(local) => local.patch_compliance(control, area),
             Self::GreensFunction(greens_function) => greens_function.patch_compliance(area),
             Self::Matrix(matrix) => matrix.patch_compliance(control, area),
         }
@@ -64,7 +48,7 @@ impl Compliance {
     pub fn assembled(&self, control: &ControlPoints) -> DMatrix<Real> {
         let n = control.len();
         let block = |i: usize, j: usize| match self {
-            Self::Local(local) => Mat3::identity() * local.value(i, j),
+            Self::Local(local) => local.block(control, i, j),
             Self::GreensFunction(greens_function) => greens_function.block(control, i, j),
             Self::Matrix(matrix) => *matrix.block(i, j),
         };
@@ -75,67 +59,6 @@ impl Compliance {
             }
         }
         assembled
-    }
-}
-
-impl LocalCompliance {
-    /// Builds the table.
-    ///
-    /// With foundation modulus `k` (N/m^3), width `sigma` (m) and share `beta` of the Gaussian (design 3.3):
-    ///
-    /// ```text
-    /// G_ij = (1 - beta) delta_ij / (k A_i) + beta g_ij / (k sqrt(S_i S_j))
-    /// g_ij = exp(-|p_i - p_j|^2 / sigma^2) ((1 + n_i . n_j) / 2)^2       S_i = sum_j g_ij A_j
-    /// ```
-    ///
-    /// `S` is the discrete form of `pi sigma^2`: with it a uniform pressure p gives p/k whatever the sampling, also where the surface ends
-    /// and where control points are sparser than sigma. The factor of the normals uncouples the two sides of a thin plate.
-    /// Gaussian, Schur product and congruence each keep the matrix positive semidefinite.
-    pub fn build(control: &ControlPoints, foundation_modulus: Real, width: Real, share: Real) -> Self {
-        let (k, sigma, beta) = (foundation_modulus, width, share);
-        let reach = GAUSSIAN_CUT * sigma;
-        let grid = NeighbourGrid::build(&control.points, reach.max(control.spacing));
-        let mut neighbours = Rows::default();
-        let mut values = Vec::new();
-        let mut row: Vec<(u32, Real)> = Vec::new();
-        for (i, p) in control.points.iter().enumerate() {
-            row.clear();
-            row.push((i as u32, 1.0));
-            if beta > 0.0 {
-                grid.for_each_within(p, reach, |j, distance2| {
-                    let facing = 0.5 * (1.0 + control.normals[i].dot(&control.normals[j as usize]));
-                    if j as usize != i && facing > 0.0 {
-                        row.push((j, (-distance2 / (sigma * sigma)).exp() * facing * facing));
-                    }
-                });
-            }
-            row.sort_unstable_by_key(|entry| entry.0);
-            neighbours.push_row(row.iter().map(|entry| entry.0));
-            values.extend(row.iter().map(|entry| entry.1));
-        }
-        let sums: Vec<Real> = (0..control.len())
-            .map(|i| neighbours.range(i).map(|e| values[e] * control.areas[neighbours.index[e] as usize]).sum())
-            .collect();
-        for i in 0..control.len() {
-            for e in neighbours.range(i) {
-                let j = neighbours.index[e] as usize;
-                let local = if i == j { (1.0 - beta) / (k * control.areas[i]) } else { 0.0 };
-                values[e] = local + beta * values[e] / (k * (sums[i] * sums[j]).sqrt());
-            }
-        }
-        Self { neighbours, values, local_share: (1.0 - beta) / k }
-    }
-
-    /// What the diagonal changes by when contact `i` stands for `area` instead of its control point's own area (a traversal stopped early):
-    /// the local share is that of the larger area, the Gaussian already sums over it.
-    pub fn change_for_area(&self, control: &ControlPoints, i: usize, area: Real) -> Real {
-        if area == control.areas[i] { 0.0 } else { self.local_share * (1.0 / area - 1.0 / control.areas[i]) }
-    }
-
-    /// `G_ij`, m/N; 0 where `j` does not reach `i`.
-    pub fn value(&self, i: usize, j: usize) -> Real {
-        let range = self.neighbours.range(i);
-        self.neighbours.index[range.clone()].binary_search(&(j as u32)).map_or(0.0, |e| self.values[range.start + e])
     }
 }
 
@@ -165,9 +88,9 @@ mod tests {
         for (count, s) in [(21, 1e-3), (11, 2e-3), (41, 0.5e-3)] {
             for sigma in [0.2e-3, 1e-3, 2.5e-3] {
                 let control = plate(count, s);
-                let local = LocalCompliance::build(&control, k, sigma, 0.7);
+                let local = LocalCompliance::gaussian(&control, k, sigma, 0.7);
                 let middle = (count / 2) * count + count / 2;
-                let u: Real = (0..control.len()).map(|j| local.value(middle, j) * p * s * s).sum();
+                let u: Real = (0..control.len()).map(|j| local.value(middle, j).normal * p * s * s).sum();
                 assert!((u * k / p - 1.0).abs() < 0.01, "u k / p = {} at spacing {s} and sigma {sigma}", u * k / p);
             }
         }
@@ -176,9 +99,9 @@ mod tests {
     #[test]
     fn local_model_is_positive_definite_and_symmetric() {
         let control = plate(9, 1e-3);
-        let local = LocalCompliance::build(&control, 2e7, 2e-3, 0.7);
+        let local = LocalCompliance::gaussian(&control, 2e7, 2e-3, 0.7);
         let n = control.len();
-        let g = nalgebra::DMatrix::from_fn(n, n, |i, j| local.value(i, j));
+        let g = nalgebra::DMatrix::from_fn(n, n, |i, j| local.value(i, j).normal);
         assert!((&g - g.transpose()).norm() < 1e-15 * g.norm());
         let smallest = g.symmetric_eigenvalues().min();
         assert!(smallest > 0.0, "smallest eigenvalue {smallest}");
@@ -231,6 +154,16 @@ mod tests {
                 // Thickness from ten spacings to a third of one.
                 for spacings in [10.0, 3.0, 1.4, 1.0, 0.67, 0.33] {
                     check(format!("layer of {spacings} spacings, nu {nu}"), GreensFunction::layer(1e6, nu, spacings * control.spacing));
+                    // Without the coupling: over all directions, as it is used.
+                    let local = Compliance::Local(Arc::new(LocalCompliance::layer(&control, 1e6, nu, spacings * control.spacing)));
+                    let c = local.assembled(&control);
+                    assert!((&c - c.transpose()).norm() < 1e-14 * c.norm(), "{name}, local layer of {spacings} spacings, nu {nu}");
+                    let share = c.symmetric_eigenvalues().min() / (c.trace() / c.nrows() as Real);
+                    println!("{name}, local layer of {spacings} spacings, nu {nu}: smallest eigenvalue {share:.3} of the mean diagonal");
+                    assert!(
+                        share > 0.0,
+                        "{name}, local layer of {spacings} spacings, nu {nu}: smallest eigenvalue {share:e} of the mean diagonal"
+                    );
                 }
             }
         }

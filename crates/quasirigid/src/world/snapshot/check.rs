@@ -12,7 +12,7 @@ use crate::math::{MAX_DOF, Real};
 use crate::objects::Objects;
 use crate::pair::{Contact, Pair, check_indices, friction_between};
 use crate::surface::sampling::memory::check_bytes;
-use crate::surface::{Compliance, Surface};
+use crate::surface::{Compliance, LocalCompliance, Surface};
 use crate::world::Hand;
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -167,13 +167,17 @@ impl Parts {
     }
 }
 
-/// About how much memory the compliance takes: that of a local one grows with the square of its width.
+/// About how much memory the compliance takes: that of a local one grows with the square of its reach.
 fn bytes_of_compliance(surface: &Surface, material: &Material) -> u64 {
-    let ComplianceModel::Local { width, .. } = material.model else { return 0 };
-    let (control, reach) = (&surface.control, 2.5 * width);
+    let control = &surface.control;
+    let reach = match material.model {
+        ComplianceModel::Gaussian { width, .. } => LocalCompliance::gaussian_reach(width),
+        ComplianceModel::Local => LocalCompliance::layer_reach(control, material.layer_thickness),
+        _ => return 0,
+    };
     let near = 2.0 * std::f64::consts::PI * (reach / control.spacing).powi(2) + 1.0;
     let count = control.len() as Real;
-    (12.0 * count * near.min(count)) as u64
+    (20.0 * count * near.min(count)) as u64
 }
 
 fn check_rigid(body: &RigidBody) -> Checked<()> {
