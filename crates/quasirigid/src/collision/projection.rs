@@ -274,7 +274,7 @@ impl<'a> View<'a> {
         let height = |p: &Vec3| normal.dot(&(self.turn_ba * p + self.shift_ba - foot));
         let node = &self.skin_a.surface.tree.nodes[coupled[0].node_a as usize];
         let area = if node.children.is_none() {
-            node.area
+            self.skin_a.surface.control.areas[control_point]
         } else {
             area_in_contact(&self.skin_a.surface, node, control_point, self.params.contact_margin, height)
         };

@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::interrupt::Interrupt;
 use crate::math::{Pose, Real, Vec3};
 use crate::surface::control_points::{ControlPoints, Weights};
+use crate::surface::edges::Samples;
 use crate::surface::implicit::kernel::Kernel;
 use crate::surface::sampling::point_surface::{PointSurface, Spread};
 use crate::surface::search::nearest::pick;
@@ -148,7 +149,8 @@ impl Surface {
                 }
             }
         };
-        let control = ControlPoints::build(&tree, &points, &normals, &kernel, border, interrupt);
+        let samples = Samples { points: &points, normals: &normals, spacing };
+        let control = ControlPoints::build(&tree, samples, &kernel, &leaf_neighbours, border, interrupt);
         interrupt.check()?;
         let (interpolation, interpolation_weights) = interpolate(&tree, &points, &normals, &control, &leaf_neighbours, interrupt);
         interrupt.check()?;
