@@ -154,15 +154,15 @@ impl ControlPoints {
         for (middle, normal, place) in found {
             control.points.push(middle);
             control.normals.push(normal);
-            control.tangents.push(any_perpendicular(&normal));
             places.push(place);
         }
-        choose_sides(&control.points, &mut places);
-        for (point, place) in control.points.iter_mut().zip(&places) {
-            if let Place::Edge(on_edge) = place {
-                *point = *on_edge;
+        choose_sides(&control.points, &control.normals, &mut places);
+        for (leaf, place) in places.iter().enumerate() {
+            if let Place::Edge(point, normal) = place {
+                (control.points[leaf], control.normals[leaf]) = (*point, *normal);
             }
         }
+        control.tangents = control.normals.iter().map(any_perpendicular).collect();
         let moved: Vec<bool> = places.iter().map(|place| *place != Place::Middle).collect();
         control.areas = share_areas(tree, &control.points, &control.normals, &moved, neighbours);
         control.spacing = (control.areas.iter().sum::<Real>() / control.areas.len() as Real).sqrt();

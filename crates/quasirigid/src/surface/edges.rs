@@ -29,6 +29,8 @@ const SAME_EDGE: Real = 0.7;
 const OPPOSITE: Real = -0.5;
 /// A corner farther from the middle of its leaf than this many times the farther of its edges is none.
 const CORNER: Real = 3.0;
+/// Angle of the normal on a sharp edge with the direction halfway between its faces, rad: 60 degrees. Of a right-angled edge it is 45 degrees.
+const SHARP: Real = std::f64::consts::FRAC_PI_3;
 /// Edges of one leaf.
 const MOST_EDGES: usize = 4;
 /// Normals of one face agree by this cosine, and its control points lie within this share of their spacing of one plane.
@@ -46,11 +48,12 @@ pub(crate) struct Samples<'a> {
     pub spacing: Real,
 }
 
-/// An edge as the tangent plane at the middle of a leaf sees it: the line `out . (x - middle) = distance`.
+/// An edge as the tangent plane at the middle of a leaf sees it: the line `out . (x - middle) = distance`. `other`: normal of the face beyond it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Edge {
     out: Vec3,
     distance: Real,
+    other: Vec3,
 }
 
 /// Where the control point of a leaf may stand.
@@ -58,8 +61,8 @@ struct Edge {
 pub(crate) enum Place {
     /// In the middle of its leaf.
     Middle,
-    /// On an edge or in a corner.
-    Edge(Vec3),
+    /// On an edge or in a corner, and the normal there.
+    Edge(Vec3, Vec3),
     /// On either side of a face that is one leaf wide.
     EitherSide([Vec3; 2]),
 }
@@ -101,13 +104,13 @@ pub(crate) fn place(samples: Samples, own: Range<usize>, middle: &Vec3, normal: 
             edges.push(edge);
         }
     }
-    place_on(middle, &edges)
+    place_on(middle, normal, &edges)
 }
 
 /// The edge in which the tangent plane at `q` (normal `m`) meets that at `p` (normal `n`), as seen from `p`; None of parallel planes.
 fn edge_between(p: &Vec3, n: &Vec3, q: &Vec3, m: &Vec3) -> Option<Edge> {
     let out = (m - n * n.dot(m)).try_normalize(1e-6)?;
-    Some(Edge { out, distance: m.dot(&(q - p)) / m.dot(&out) })
+    Some(Edge { out, distance: m.dot(&(q - p)) / m.dot(&out), other: *m })
 }
 
 /// Whether the surface bends gradually from `p` to `q`: some point near both has a normal between theirs.
@@ -119,7 +122,7 @@ fn is_round(Samples { points, normals, spacing }: Samples, p: usize, q: usize, m
     around.any(|k| near(k, p) && near(k, q) && angle(k, p) < between && angle(k, q) < between)
 }
 
-fn place_on(middle: &Vec3, edges: &[Edge]) -> Place {
+fn place_on(middle: &Vec3, normal: &Vec3, edges: &[Edge]) -> Place {
     let corner = |i: usize, j: usize| {
         // x = a t_i + b t_j with t_i . x = s_i, t_j . x = s_j
         let (first, second) = (edges[i], edges[j]);
@@ -132,18 +135,28 @@ fn place_on(middle: &Vec3, edges: &[Edge]) -> Place {
     let opposite = (0..edges.len()).flat_map(|i| (0..i).map(move |j| (j, i))).find(|&(i, j)| edges[i].out.dot(&edges[j].out) < OPPOSITE);
     match (edges.len(), opposite) {
         (0, _) | (MOST_EDGES.., _) => Place::Middle,
-        (1, _) => Place::Edge(on(0)),
+        (1, _) => Place::Edge(on(0), lean(normal, edges)),
         (2, Some(_)) => Place::EitherSide([on(0), on(1)]),
         (_, Some((i, j))) => {
             let end = 3 - i - j;
             Place::EitherSide([i, j].map(|side| corner(side, end).unwrap_or_else(|| on(side))))
         }
-        (_, None) => Place::Edge(corner(0, 1).unwrap_or_else(|| on(0))),
+        (_, None) => Place::Edge(corner(0, 1).unwrap_or_else(|| on(0)), lean(normal, edges)),
     }
 }
 
+/// The normal of a control point on sharp edges: that of its face, leant over to within [`SHARP`] of the direction halfway between the two faces. The faces of a blade that stands on
+/// its edge do not look at the floor; their control points on the edge do.
+fn lean(normal: &Vec3, edges: &[Edge]) -> Vec3 {
+    edges.iter().fold(*normal, |n, edge| {
+        let Some(halfway) = (n + edge.other).try_normalize(1e-6) else { return n };
+        let aside = n - halfway * halfway.dot(&n);
+        if halfway.dot(&n) >= SHARP.cos() { n } else { halfway * SHARP.cos() + aside.normalize() * SHARP.sin() }
+    })
+}
+
 /// Decides which side those stand on that may stand on either: away from the nearest of their kind that has been decided on, so that both edges of a narrow face carry.
-pub(crate) fn choose_sides(middles: &[Vec3], places: &mut [Place]) {
+pub(crate) fn choose_sides(middles: &[Vec3], normals: &[Vec3], places: &mut [Place]) {
     /// Neighbours of their kind that are asked.
     const ASKED: usize = 6;
     let open: Vec<usize> = (0..places.len()).filter(|&leaf| matches!(places[leaf], Place::EitherSide(_))).collect();
@@ -163,7 +176,7 @@ pub(crate) fn choose_sides(middles: &[Vec3], places: &mut [Place]) {
             usize::from(way.dot(&(taken - (sides[0] + sides[1]) * 0.5)) < 0.0)
         });
         decided[i] = Some(sides[side]);
-        places[leaf] = Place::Edge(sides[side]);
+        places[leaf] = Place::Edge(sides[side], normals[leaf]);
     }
 }
 

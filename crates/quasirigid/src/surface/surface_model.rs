@@ -75,6 +75,8 @@ pub struct Surface {
     pub interpolation: Rows,
     /// ... and their weights, adding up to 1 for each point.
     pub interpolation_weights: Vec<f32>,
+    /// Points for which no control point on their own face stands: nothing is felt there. A face so narrow, or control points so few, that none came to lie on it.
+    pub unresolved: usize,
     /// Whether normals or areas were estimated: the order of the points is that of the search for it.
     pub(crate) estimated: bool,
     /// See [`Surface::content_hash`].
@@ -152,7 +154,7 @@ impl Surface {
         let samples = Samples { points: &points, normals: &normals, spacing };
         let control = ControlPoints::build(&tree, samples, &kernel, &leaf_neighbours, border, interrupt);
         interrupt.check()?;
-        let (interpolation, interpolation_weights) = interpolate(&tree, &points, &normals, &control, &leaf_neighbours, interrupt);
+        let (interpolation, interpolation_weights, unresolved) = interpolate(&tree, &points, &normals, &control, &leaf_neighbours, interrupt);
         interrupt.check()?;
         Ok(Self {
             points,
@@ -167,6 +169,7 @@ impl Surface {
             control,
             interpolation,
             interpolation_weights,
+            unresolved,
             estimated,
             hash: OnceLock::new(),
         })
@@ -256,24 +259,28 @@ fn interpolate(
     control: &ControlPoints,
     neighbours: &Rows,
     interrupt: &Interrupt,
-) -> (Rows, Vec<f32>) {
+) -> (Rows, Vec<f32>, usize) {
     let of_leaf = |leaf: usize| {
         if interrupt.raised() {
-            return (Vec::new(), Vec::new());
+            return (Vec::new(), Vec::new(), 0);
         }
         let node = tree.leaf(leaf);
-        let (mut counts, mut entries) = (Vec::with_capacity(node.point_count as usize), Vec::new());
+        let (mut counts, mut entries, mut unresolved) = (Vec::with_capacity(node.point_count as usize), Vec::new(), 0);
         for k in node.points() {
             let w = control.weights(&points[k], &normals[k], leaf as u32, neighbours.row(leaf));
+            // All on its own leaf's, though that lies on another face: there was no other.
+            unresolved += usize::from(w.len == 1 && normals[k].dot(&control.normals[w.index[0] as usize]) <= 0.5);
             counts.push(w.len);
             entries.extend(w.iter().map(|(c, weight)| (c as u32, weight as f32)));
         }
-        (counts, entries)
+        (counts, entries, unresolved)
     };
     let found: Vec<_> = (0..tree.leaves.len()).into_par_iter().map(of_leaf).collect();
     let mut rows = Rows::default();
-    let mut weights = Vec::with_capacity(found.iter().map(|(_, entries)| entries.len()).sum());
-    for (counts, entries) in found {
+    let mut weights = Vec::with_capacity(found.iter().map(|(_, entries, _)| entries.len()).sum());
+    let mut unresolved = 0;
+    for (counts, entries, of_leaf) in found {
+        unresolved += of_leaf;
         let mut rest = entries.as_slice();
         for count in counts {
             let (row, after) = rest.split_at(count);
@@ -282,5 +289,5 @@ fn interpolate(
             rest = after;
         }
     }
-    (rows, weights)
+    (rows, weights, unresolved)
 }
