@@ -103,7 +103,9 @@ fn a_card_stands_on_its_edge() {
             let unresolved = Surface::build(points.clone(), None).unwrap().unresolved;
             let mass = MassProperties::cuboid(size, Amount::Density(paper)).unwrap();
             let (contacts, sunk, tilted) = stand(points, mass, 0.03);
-            println!("{card} {name}: {contacts} contacts, {unresolved} points unresolved, sunk by {sunk:.1e} m, turned by {tilted:.1e} rad");
+            println!(
+                "{card} {name}: {contacts} contacts, {unresolved} points unresolved, sunk by {sunk:.1e} m, turned by {tilted:.1e} rad"
+            );
             let stands = sunk.abs() < 2e-6 && tilted < 0.1 * thickness / size.z;
             assert!(stands || unresolved > 0, "{card} {name}: sunk by {sunk} m, turned by {tilted} rad, and nothing said");
             assert!(stands || name == "by chance", "{card} {name}: sunk by {sunk} m, turned by {tilted} rad");
@@ -221,7 +223,7 @@ fn a_blade_comes_to_rest_on_its_edge() {
 #[test]
 fn a_face_that_no_control_point_stands_on_is_reported() {
     let size = Vec3::new(1e-3, 0.06, 0.06);
-    for (control_points, resolved) in [(2, false), (6, true), (400, true)] {
+    for (control_points, resolved) in [(2, false), (400, true)] {
         let surface = Surface::build(shapes::sample_box(size, 3_000).unwrap(), Some(control_points)).unwrap();
         println!("{control_points} control points: {} points unresolved", surface.unresolved);
         assert_eq!(surface.unresolved == 0, resolved, "{control_points} control points: {} points unresolved", surface.unresolved);

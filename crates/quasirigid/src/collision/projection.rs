@@ -2,9 +2,9 @@
 
 use super::budget::area_in_contact;
 use super::cache::{CachedProjection, Coupled, Coupling, Found, PairCache};
-use super::nearest_point::{Border, SAME_FACE, faces_meet, height_over_nearest, is_outside, nearest_node};
+use super::nearest_point::{Border, SAME_FACE, faces_meet, height_over_nearest, is_outside, may_face, nearest_node};
 use super::separation::STRIDE;
-use super::traversal::have_penetrated;
+use super::traversal::{TURNED, have_penetrated};
 use crate::collider::Skin;
 use crate::free_motion::FreeMotion;
 use crate::math::{Mat3, Pose, Real, Vec3, contact_frame};
@@ -343,9 +343,14 @@ impl<'a> View<'a> {
         // Where faces meet, the one that the control point has least way to at rest is its own. Seen from where it is pressed to it would stay with a face that it has long passed.
         let at_edge = faces_meet(coupled, self.skin_b).then(|| self.at_rest(control_point));
         let Some((node_b, nearest)) = nearest_node(coupled, self.skin_b, at_edge.as_ref().unwrap_or(x), &normal_a) else {
-            // Whether anything faces it is a matter of directions alone, so this holds for as long as it stays outside; a turn or other leaves make it look anew.
+            // Whether anything faces it is a matter of directions alone, so this holds for as long as it stays outside; a turn or other leaves make it look anew. Where a turn too small
+            // to do so would make something face it, it is looked at in every step: a control point on an edge is at the surface then.
             let height = height_over_nearest(coupled, self.skin_b, x).unwrap_or(0.0);
-            return CachedProjection { deep: height < -DEEP * surface.spacing, holds_for: height.max(slack), ..nothing() };
+            let deep = height < -DEEP * surface.spacing;
+            if may_face(coupled, self.skin_b, x, &normal_a, TURNED) {
+                return CachedProjection { deep, holds_for: 0.0, ..nothing() };
+            }
+            return CachedProjection { deep, holds_for: height.max(slack), ..nothing() };
         };
         if let Some(rest) = &at_edge
             && self.is_past_edge(coupled, rest, nearest, &normal_a)

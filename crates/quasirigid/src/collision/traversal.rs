@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 const SLACK_SPACINGS: Real = 0.1;
 
 /// Turned by more than this against each other, other points of two surfaces may face each other, rad.
-const TURNED: Real = 0.02;
+pub(super) const TURNED: Real = 0.02;
 
 #[derive(Debug, Default)]
 pub(super) struct Traversal {

@@ -8,10 +8,12 @@
 //! has to be known but points and normals.
 
 use crate::math::{Real, Vec3, contact_frame};
+use crate::surface::control_points::ControlPoints;
 use crate::surface::search::neighbours::NeighbourGrid;
 use crate::surface::sphere_tree::SphereTree;
 use crate::surface::surface_model::Rows;
 use nalgebra::{Matrix2, Vector2};
+use rayon::prelude::*;
 use std::ops::Range;
 
 /// Tangent planes that meet in an edge make at least this angle (35 degrees), and at most that of a wedge of 18 degrees: beyond, they are the two sides of a sheet.
@@ -36,6 +38,8 @@ const MOST_EDGES: usize = 4;
 /// Normals of one face agree by this cosine, and its control points lie within this share of their spacing of one plane.
 const ONE_FACE: Real = 0.9;
 const ONE_PLANE: Real = 0.5;
+/// Points whose normals agree by this cosine make one surface: as the weights of the implicit surface have it.
+const SAME_FACE: Real = 0.5;
 /// Newton steps of [`shares`], and how near to the first moment they go, control spacings.
 const NEWTON_STEPS: usize = 30;
 const MOMENT_TOLERANCE: Real = 1e-10;
@@ -233,7 +237,8 @@ fn shares(candidates: &[(u32, Vector2<Real>)]) -> Vec<Real> {
         let Some(inverse) = (scatter + Matrix2::identity() * ridge).try_inverse() else { break };
         let step = -(inverse * mean);
         // Halved until log Z falls: it is convex.
-        let Some((next, found)) = (0..20).map(|k| lambda + step * 0.5_f64.powi(k)).map(|next| (next, weights_at(&next))).find(|(_, (z, _))| *z < log_z)
+        let Some((next, found)) =
+            (0..20).map(|k| lambda + step * 0.5_f64.powi(k)).map(|next| (next, weights_at(&next))).find(|(_, (z, _))| *z < log_z)
         else {
             break;
         };
@@ -241,4 +246,113 @@ fn shares(candidates: &[(u32, Vector2<Real>)]) -> Vec<Real> {
         (log_z, weights) = found;
     }
     weights
+}
+
+/// How many points at edges cannot be touched: no control point of their own leaf or around it lies on their face, or fewer than two other points of that face are within `reach` (m), that of the
+/// implicit surface, which then has no direction there.
+pub(crate) fn unresolved(tree: &SphereTree, samples: Samples, control: &ControlPoints, neighbours: &Rows, reach: Real) -> usize {
+    let Samples { points, normals, .. } = samples;
+    let of_leaf = |leaf: usize| {
+        let leaves = || std::iter::once(leaf as u32).chain(neighbours.row(leaf).iter().copied());
+        let own = || tree.leaf(leaf).points();
+        let bends = |normal: &Vec3| normal.dot(&control.normals[leaf]) < CREASE_COSINE;
+        if !leaves().any(|other| bends(&control.normals[other as usize])) && !own().any(|k| bends(&normals[k])) {
+            return 0;
+        }
+        let is_unresolved = |&p: &usize| {
+            let same = |normal: &Vec3| normals[p].dot(normal) > SAME_FACE;
+            let others = leaves().flat_map(|other| tree.leaf(other as usize).points());
+            let near = others.filter(|&k| k != p && same(&normals[k]) && (points[k] - points[p]).norm_squared() < reach * reach);
+            !leaves().any(|other| same(&control.normals[other as usize])) || near.take(2).count() < 2
+        };
+        own().filter(is_unresolved).count()
+    };
+    (0..control.len()).into_par_iter().map(of_leaf).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::{PointSurface, Surface, shapes};
+
+    fn box_of(n: usize) -> (Vec3, Surface) {
+        let size = Vec3::new(0.02, 0.03, 0.06);
+        (size, Surface::build(shapes::sample_box(size, n).unwrap(), None).unwrap())
+    }
+
+    #[test]
+    fn control_points_of_a_box_reach_its_edges_and_none_stands_beyond_them() {
+        for n in [400, 2_000, 9_001] {
+            let (size, surface) = box_of(n);
+            let half = size * 0.5;
+            let mut reach: [Vec3; 6] = [Vec3::zeros(); 6];
+            for (point, normal) in surface.control.points.iter().zip(&surface.control.normals) {
+                assert!(
+                    point.iter().zip(half.iter()).all(|(x, h)| x.abs() <= h * (1.0 + 1e-9)),
+                    "{n} points: a control point at {point:?}"
+                );
+                let face = 2 * normal.iamax() + usize::from(normal[normal.iamax()] < 0.0);
+                reach[face] = reach[face].sup(&point.abs());
+            }
+            let worst = reach.iter().map(|r| (half - r).amax()).fold(0.0, Real::max);
+            println!("{n} points: outermost control points {worst:.1e} m inside the edge");
+            assert!(worst < 1e-9, "{n} points: outermost control points {worst:e} m inside the edge");
+        }
+    }
+
+    #[test]
+    fn a_linear_pressure_on_a_face_has_the_force_and_moments_of_its_points() {
+        for n in [2_000, 9_001] {
+            let (size, surface) = box_of(n);
+            let (control, mut worst): (_, Real) = (&surface.control, 0.0);
+            for (axis, sign) in (0..3).flat_map(|axis| [(axis, 1.0), (axis, -1.0)]) {
+                let on_face = |normal: &Vec3| normal[axis] * sign > 0.9;
+                let moments = |points: &[Vec3], normals: &[Vec3], areas: &[Real]| {
+                    let face = points.iter().zip(normals).zip(areas).filter(|((_, normal), _)| on_face(normal));
+                    face.fold((0.0, Vec3::zeros()), |(area, first), ((p, _), a)| (area + a, first + p * *a))
+                };
+                let (area, first) = moments(&control.points, &control.normals, &control.areas);
+                let (true_area, true_first) = moments(&surface.points, &surface.normals, &surface.areas);
+                worst = worst.max((area / true_area - 1.0).abs()).max((first - true_first).norm() / (true_area * size.x));
+            }
+            println!("{n} points: force and moments off by {worst:.1e}");
+            assert!(worst < 1e-9, "{n} points: force or moment off by {worst:e}");
+        }
+    }
+
+    #[test]
+    fn round_and_open_surfaces_have_no_edges() {
+        let shapes = [
+            ("sphere", shapes::sample_sphere(0.01, 300).unwrap()),
+            ("capsule", shapes::sample_capsule(0.01, 0.04, 600).unwrap()),
+            ("fingertip", shapes::sample_fingertip(Vec3::new(0.012, 0.0085, 0.007), 2_400).unwrap()),
+            ("half-space", shapes::sample_half_space(0.1, 900).unwrap()),
+        ];
+        for (name, points) in shapes {
+            let surface = Surface::build(points, None).unwrap();
+            let of_leaves = (0..surface.control.len()).map(|leaf| surface.tree.leaf(leaf).area);
+            assert!(surface.control.areas.iter().copied().eq(of_leaves), "{name}: control points were moved");
+            assert_eq!(surface.unresolved, 0, "{name}");
+        }
+    }
+
+    #[test]
+    fn an_outer_edge_has_control_points_and_an_inner_one_has_none() {
+        // A step: floor z = 0 for x < 0, wall x = 0 up to z = 1, top z = 1 for x > 0. Inner edge at the bottom of the wall, outer edge at its top.
+        let (mut points, mut normals) = (Vec::new(), Vec::new());
+        let (cells, spacing) = (20, 0.05);
+        for i in 0..cells {
+            for j in 0..cells {
+                let (u, v) = ((i as Real + 0.5) * spacing, (j as Real + 0.5) * spacing);
+                points.extend([Vec3::new(-u, v, 0.0), Vec3::new(0.0, v, u), Vec3::new(u, v, 1.0)]);
+                normals.extend([Vec3::z(), -Vec3::x(), Vec3::z()]);
+            }
+        }
+        let areas = vec![spacing * spacing; points.len()];
+        let surface = Surface::build(PointSurface::new(points, normals, areas).unwrap(), None).unwrap();
+        let on_edge = |z: Real| surface.control.points.iter().filter(|p| p.x.hypot(p.z - z) < 1e-9).count();
+        let (outer, inner) = (on_edge(1.0), on_edge(0.0));
+        println!("{outer} control points on the outer edge, {inner} on the inner one");
+        assert!(outer >= 8 && inner == 0, "{outer} control points on the outer edge, {inner} on the inner one");
+    }
 }

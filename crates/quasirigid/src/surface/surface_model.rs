@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use crate::interrupt::Interrupt;
 use crate::math::{Pose, Real, Vec3};
 use crate::surface::control_points::{ControlPoints, Weights};
-use crate::surface::edges::Samples;
+use crate::surface::edges::{Samples, unresolved};
 use crate::surface::implicit::kernel::Kernel;
 use crate::surface::sampling::point_surface::{PointSurface, Spread};
 use crate::surface::search::nearest::pick;
@@ -75,7 +75,8 @@ pub struct Surface {
     pub interpolation: Rows,
     /// ... and their weights, adding up to 1 for each point.
     pub interpolation_weights: Vec<f32>,
-    /// Points for which no control point on their own face stands: nothing is felt there. A face so narrow, or control points so few, that none came to lie on it.
+    /// Points at edges where the surface is not known well enough to touch: no control point on their own face stands for them, or fewer than two others of that face are within
+    /// reach of the implicit surface. See [`Surface::note`].
     pub unresolved: usize,
     /// Whether normals or areas were estimated: the order of the points is that of the search for it.
     pub(crate) estimated: bool,
@@ -154,7 +155,9 @@ impl Surface {
         let samples = Samples { points: &points, normals: &normals, spacing };
         let control = ControlPoints::build(&tree, samples, &kernel, &leaf_neighbours, border, interrupt);
         interrupt.check()?;
-        let (interpolation, interpolation_weights, unresolved) = interpolate(&tree, &points, &normals, &control, &leaf_neighbours, interrupt);
+        let (interpolation, interpolation_weights) = interpolate(&tree, &points, &normals, &control, &leaf_neighbours, interrupt);
+        interrupt.check()?;
+        let unresolved = unresolved(&tree, samples, &control, &leaf_neighbours, kernel.cutoff());
         interrupt.check()?;
         Ok(Self {
             points,
@@ -172,6 +175,21 @@ impl Surface {
             unresolved,
             estimated,
             hash: OnceLock::new(),
+        })
+    }
+
+    /// What to tell whoever gave the surface: that parts of it may not be felt, and what to do.
+    pub fn note(&self) -> Option<String> {
+        (self.unresolved > 0).then(|| {
+            format!(
+                "{} of {} points lie on faces too narrow for how they are sampled (points are {:.3e} m apart, control points {:.3e} m): contact there may be missed; give more points on \
+                 these faces, {:.3e} m apart at most, or more control points",
+                self.unresolved,
+                self.len(),
+                self.spacing,
+                self.control.spacing,
+                0.5 * self.kernel.cutoff()
+            )
         })
     }
 
@@ -259,28 +277,24 @@ fn interpolate(
     control: &ControlPoints,
     neighbours: &Rows,
     interrupt: &Interrupt,
-) -> (Rows, Vec<f32>, usize) {
+) -> (Rows, Vec<f32>) {
     let of_leaf = |leaf: usize| {
         if interrupt.raised() {
-            return (Vec::new(), Vec::new(), 0);
+            return (Vec::new(), Vec::new());
         }
         let node = tree.leaf(leaf);
-        let (mut counts, mut entries, mut unresolved) = (Vec::with_capacity(node.point_count as usize), Vec::new(), 0);
+        let (mut counts, mut entries) = (Vec::with_capacity(node.point_count as usize), Vec::new());
         for k in node.points() {
             let w = control.weights(&points[k], &normals[k], leaf as u32, neighbours.row(leaf));
-            // All on its own leaf's, though that lies on another face: there was no other.
-            unresolved += usize::from(w.len == 1 && normals[k].dot(&control.normals[w.index[0] as usize]) <= 0.5);
             counts.push(w.len);
             entries.extend(w.iter().map(|(c, weight)| (c as u32, weight as f32)));
         }
-        (counts, entries, unresolved)
+        (counts, entries)
     };
     let found: Vec<_> = (0..tree.leaves.len()).into_par_iter().map(of_leaf).collect();
     let mut rows = Rows::default();
-    let mut weights = Vec::with_capacity(found.iter().map(|(_, entries, _)| entries.len()).sum());
-    let mut unresolved = 0;
-    for (counts, entries, of_leaf) in found {
-        unresolved += of_leaf;
+    let mut weights = Vec::with_capacity(found.iter().map(|(_, entries)| entries.len()).sum());
+    for (counts, entries) in found {
         let mut rest = entries.as_slice();
         for count in counts {
             let (row, after) = rest.split_at(count);
@@ -289,5 +303,5 @@ fn interpolate(
             rest = after;
         }
     }
-    (rows, weights, unresolved)
+    (rows, weights)
 }
