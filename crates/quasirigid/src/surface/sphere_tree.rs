@@ -3,7 +3,7 @@
 //! Built top-down with a quota: a node that owes `m` leaves hands `m/2` of them, and points in the same ratio, to each side of a
 //! cut across its longest axis. So the tree has exactly the number of leaves asked for, and leaves of nearly equal area. Near
 //! the leaves a node whose normals disagree is cut between the normals instead: a leaf never bends around a sharp edge while
-//! another cut is possible. There the smaller side gets a leaf for every control spacing of its length at least, so that an edge
+//! another cut is possible. At an edge the smaller side gets a leaf for every control spacing of its length at least, so that an edge
 //! or a rim that is narrower than that has control points all along.
 //!
 //! Nodes are stored breadth-first (a parent before its children), so that a bottom-up pass is a loop from the end. Points are
@@ -22,6 +22,9 @@ const NORMAL_CUT_LENGTH: Real = 0.9;
 
 /// ... or when one of them makes more than this cosine with their mean: a narrow face of which the node has few points.
 const NORMAL_CUT_OUTLIER: Real = 0.6;
+
+/// An edge parts two groups of unit normals that leave a gap of this width between them, 30 degrees: those of a round surface leave none.
+const EDGE_GAP: Real = 0.5;
 
 /// Vectors that a principal axis is found from, at least, where there are as many.
 const AXIS_SAMPLE: usize = 4096;
@@ -164,13 +167,17 @@ impl Node {
 fn cut(points: &[Vec3], normals: &[Vec3], areas: &[Real], order: &mut [u32], quota: usize) -> (usize, usize) {
     let count = order.len();
     if quota <= NORMAL_CUT_LEAVES
-        && let Some(left_points) = cut_by_normals(normals, order)
+        && let Some((left_points, is_edge)) = cut_by_normals(normals, order)
     {
         let (first, second) = order.split_at(left_points);
-        let left_is_smaller = first.len() < second.len();
-        let smaller = if left_is_smaller { first } else { second };
-        let leaves = leaves_along(points, areas, smaller, order, quota).clamp(1, quota - 1);
-        let left_leaves = if left_is_smaller { leaves } else { quota - leaves };
+        let left_leaves = if !is_edge {
+            (quota * left_points).div_ceil(count)
+        } else if first.len() < second.len() {
+            leaves_along(points, areas, first, order, quota)
+        } else {
+            quota - leaves_along(points, areas, second, order, quota).min(quota)
+        };
+        let left_leaves = left_leaves.clamp(1, quota - 1);
         // Each side needs at least one point for each leaf it owes.
         if left_points >= left_leaves && count - left_points >= quota - left_leaves {
             return (left_points, left_leaves);
@@ -196,8 +203,8 @@ fn leaves_along(points: &[Vec3], areas: &[Real], part: &[u32], all: &[u32], quot
     in_proportion.max(along.min(quota / 2).min(part.len()))
 }
 
-/// Splits a bent set between its two groups of normals; `None` if it is not bent.
-fn cut_by_normals(normals: &[Vec3], order: &mut [u32]) -> Option<usize> {
+/// Splits a bent set between its two groups of normals, and says whether an edge parts the two; `None` if it is not bent.
+fn cut_by_normals(normals: &[Vec3], order: &mut [u32]) -> Option<(usize, bool)> {
     let mean = order.iter().map(|&i| normals[i as usize]).sum::<Vec3>() / order.len() as Real;
     let length = mean.norm();
     if length >= NORMAL_CUT_LENGTH && order.iter().all(|&i| normals[i as usize].dot(&mean) >= NORMAL_CUT_OUTLIER * length) {
@@ -209,7 +216,9 @@ fn cut_by_normals(normals: &[Vec3], order: &mut [u32]) -> Option<usize> {
     let middle = 0.5 * (low + high);
     order.sort_unstable_by(|&a, &b| (key(a) > middle).cmp(&(key(b) > middle)).then(a.cmp(&b)));
     let left = order.iter().filter(|&&i| key(i) <= middle).count();
-    (left > 0 && left < order.len()).then_some(left)
+    let below = order[..left].iter().map(|&i| key(i)).fold(Real::NEG_INFINITY, Real::max);
+    let above = order[left..].iter().map(|&i| key(i)).fold(Real::INFINITY, Real::min);
+    (left > 0 && left < order.len()).then_some((left, above - below > EDGE_GAP))
 }
 
 /// The direction in which the chosen vectors spread most, about: along it they are cut, and for that a few thousand of them tell enough.
