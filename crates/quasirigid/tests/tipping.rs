@@ -1,4 +1,5 @@
-//! Faces carry up to their edges: a block tips where its centre of mass leaves its base, at any sampling, and what stands on something narrower than the control points are
+//! Faces carry up to their edges: a block tips where its centre of mass leaves its base, at any sampling, and what stands on something
+//! narrower than the control points are
 //! apart stands.
 
 use quasirigid::body::{Amount, MassProperties, Motion, RigidBody};
@@ -178,14 +179,16 @@ fn a_cup_stands_on_its_rim_and_tips_over_it() {
             tilt(&mut world, body, 350)
         });
         println!(
-            "cup of {wall} m, points {spacing} m apart: {contacts} contacts, sunk by {sunk:.1e} m, turned by {tilted:.1e} rad; {stands:.1e} rad at 0.98 of the slope at which it tips, {tips:.1e} rad at 1.01"
+            "cup of {wall} m, points {spacing} m apart: {contacts} contacts, sunk by {sunk:.1e} m, turned by {tilted:.1e} rad; \
+             {stands:.1e} rad at 0.98 of the slope at which it tips, {tips:.1e} rad at 1.01"
         );
         assert!(sunk.abs() < 2e-6 && tilted < 1e-5, "cup of {wall} m: sunk by {sunk} m, turned by {tilted} rad");
         assert!(stands < 5e-3 && tips > 0.02, "cup of {wall} m: turned by {stands} rad at 0.98 of the slope, {tips} rad at 1.01");
     }
 }
 
-/// A blade: a wedge of full angle `angle` (rad), its edge along y in the plane z = 0, `height` (m) high and `length` long, closed at the top.
+/// A blade: a wedge of full angle `angle` (rad), its edge along y in the plane z = 0, `height` (m) high and `length` long, closed at
+/// the top.
 fn blade(angle: Real, height: Real, length: Real, spacing: Real) -> PointSurface {
     let (mut points, mut normals, mut areas) = (Vec::new(), Vec::new(), Vec::new());
     let (sin, cos) = (0.5 * angle).sin_cos();

@@ -21,7 +21,8 @@ pub(super) fn nearest_node(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_
     nearest_facing(coupled, skin_b, x, normal_a, FACES)
 }
 
-/// Whether some point of the coupled nodes faces the control point, or will when the two have turned by at most `angle` (rad) against each other.
+/// Whether some point of the coupled nodes faces the control point, or will when the two have turned by at most `angle` (rad) against
+/// each other.
 pub(super) fn may_face(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_a: &Vec3, angle: Real) -> bool {
     // A cosine changes by no more than the angle does.
     nearest_facing(coupled, skin_b, x, normal_a, FACES + angle).is_some()

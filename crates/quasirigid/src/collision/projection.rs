@@ -343,7 +343,8 @@ impl<'a> View<'a> {
         // Where faces meet, the one that the control point has least way to at rest is its own. Seen from where it is pressed to it would stay with a face that it has long passed.
         let at_edge = faces_meet(coupled, self.skin_b).then(|| self.at_rest(control_point));
         let Some((node_b, nearest)) = nearest_node(coupled, self.skin_b, at_edge.as_ref().unwrap_or(x), &normal_a) else {
-            // Whether anything faces it is a matter of directions alone, so this holds for as long as it stays outside; a turn or other leaves make it look anew. Where a turn too small
+            // Whether anything faces it is a matter of directions alone, so this holds for as long as it stays outside; a
+            // turn or other leaves make it look anew. Where a turn too small
             // to do so would make something face it, it is looked at in every step: a control point on an edge is at the surface then.
             let height = height_over_nearest(coupled, self.skin_b, x).unwrap_or(0.0);
             let deep = height < -DEEP * surface.spacing;

@@ -1,4 +1,5 @@
-//! Control points: one for each leaf of the sphere tree, its centre projected on the surface, or on the edge that it reaches. They carry the compliance.
+//! Control points: one for each leaf of the sphere tree, its centre projected on the surface, or on the edge that it reaches. They
+//! carry the compliance.
 
 use crate::interrupt::Interrupt;
 use crate::math::{Real, Vec3, any_perpendicular};
@@ -43,7 +44,8 @@ pub struct ControlPoints {
     pub normals: Vec<Vec3>,
     /// A unit tangent of each, fixed in the body: contact frames follow it.
     pub tangents: Vec<Vec3>,
-    /// Area `A_c` that each stands for, m^2: the areas of its leaf's points, shared with neighbours where it stands on an edge. They add up to the surface's area.
+    /// Area `A_c` that each stands for, m^2: the areas of its leaf's points, shared with neighbours where it stands on an edge.
+    /// They add up to the surface's area.
     pub areas: Vec<Real>,
     /// Mean of `1/r` over the area of each, as seen from its control point, 1/m: what a half-space's singular Green's function weighs its own
     /// load by, see [`inverse_distances`].
@@ -119,7 +121,8 @@ impl Weights {
 }
 
 impl ControlPoints {
-    /// Projects every leaf's centre on the surface, and moves those that reach a convex edge onto it. `samples` are in tree order; `border` yields the point ranges
+    /// Projects every leaf's centre on the surface, and moves those that reach a convex edge onto it. `samples` are in tree order;
+    /// `border` yields the point ranges
     /// of a leaf and its neighbours, which `neighbours` has.
     pub(crate) fn build(
         tree: &SphereTree,

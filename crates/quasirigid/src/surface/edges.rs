@@ -1,10 +1,14 @@
 //! Convex edges of a sampled surface, and the control points that stand on them.
 //!
-//! A face carries as far as its outermost control points reach. In the middle of its leaf a control point stands half a control spacing inside the edge, and a body
-//! would tip too early by that much. So the control point of a leaf that reaches an edge is moved onto it, and that of a leaf that reaches two into their corner. Its
-//! area is then shared with its neighbours such that a pressure that varies linearly over the face has the same force and moments as before.
+//! A face carries as far as its outermost control points reach. In the middle of its leaf a control point stands half a control spacing
+//! inside the edge, and a body
+//! would tip too early by that much. So the control point of a leaf that reaches an edge is moved onto it, and that of a leaf that
+//! reaches two into their corner. Its
+//! area is then shared with its neighbours such that a pressure that varies linearly over the face has the same force and moments as
+//! before.
 //!
-//! An edge is where the tangent planes of two neighbouring points meet, if they make an angle and the surface does not bend gradually between them: nothing
+//! An edge is where the tangent planes of two neighbouring points meet, if they make an angle and the surface does not bend gradually
+//! between them: nothing
 //! has to be known but points and normals.
 
 use crate::math::{Real, Vec3, contact_frame};
@@ -16,7 +20,8 @@ use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Tangent planes that meet in an edge make at least this angle (35 degrees), and at most that of a wedge of 18 degrees: beyond, they are the two sides of a sheet.
+/// Tangent planes that meet in an edge make at least this angle (35 degrees), and at most that of a wedge of 18 degrees: beyond, they
+/// are the two sides of a sheet.
 const CREASE_COSINE: Real = 0.82;
 const SHEET_COSINE: Real = -0.95;
 /// Neighbours across an edge are at most this far apart, point spacings ...
@@ -31,7 +36,8 @@ const SAME_EDGE: Real = 0.7;
 const OPPOSITE: Real = -0.5;
 /// A corner farther from the middle of its leaf than this many times the farther of its edges is none.
 const CORNER: Real = 3.0;
-/// Angle of the normal on a sharp edge with the direction halfway between its faces, rad: 60 degrees. Of a right-angled edge it is 45 degrees.
+/// Angle of the normal on a sharp edge with the direction halfway between its faces, rad: 60 degrees. Of a right-angled edge it is 45
+/// degrees.
 const SHARP: Real = std::f64::consts::FRAC_PI_3;
 /// Edges of one leaf.
 const MOST_EDGES: usize = 4;
@@ -52,7 +58,8 @@ pub(crate) struct Samples<'a> {
     pub spacing: Real,
 }
 
-/// An edge as the tangent plane at the middle of a leaf sees it: the line `out . (x - middle) = distance`. `other`: normal of the face beyond it.
+/// An edge as the tangent plane at the middle of a leaf sees it: the line `out . (x - middle) = distance`. `other`: normal of the face
+/// beyond it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Edge {
     out: Vec3,
@@ -71,7 +78,8 @@ pub(crate) enum Place {
     EitherSide([Vec3; 2]),
 }
 
-/// Where the control point of a leaf with the given `own` points may stand. `middle` (m) and `normal`: that of its leaf, on the surface. `ranges`: its points and those around it.
+/// Where the control point of a leaf with the given `own` points may stand. `middle` (m) and `normal`: that of its leaf, on the
+/// surface. `ranges`: its points and those around it.
 pub(crate) fn place(samples: Samples, own: Range<usize>, middle: &Vec3, normal: &Vec3, ranges: &[Range<u32>]) -> Place {
     let Samples { points, normals, spacing } = samples;
     let around = || ranges.iter().flat_map(|range| range.start as usize..range.end as usize);
@@ -149,7 +157,8 @@ fn place_on(middle: &Vec3, normal: &Vec3, edges: &[Edge]) -> Place {
     }
 }
 
-/// The normal of a control point on sharp edges: that of its face, leant over to within [`SHARP`] of the direction halfway between the two faces. The faces of a blade that stands on
+/// The normal of a control point on sharp edges: that of its face, leant over to within [`SHARP`] of the direction halfway between the
+/// two faces. The faces of a blade that stands on
 /// its edge do not look at the floor; their control points on the edge do.
 fn lean(normal: &Vec3, edges: &[Edge]) -> Vec3 {
     edges.iter().fold(*normal, |n, edge| {
@@ -159,7 +168,8 @@ fn lean(normal: &Vec3, edges: &[Edge]) -> Vec3 {
     })
 }
 
-/// Decides which side those stand on that may stand on either: away from the nearest of their kind that has been decided on, so that both edges of a narrow face carry.
+/// Decides which side those stand on that may stand on either: away from the nearest of their kind that has been decided on, so that
+/// both edges of a narrow face carry.
 pub(crate) fn choose_sides(middles: &[Vec3], normals: &[Vec3], places: &mut [Place]) {
     /// Neighbours of their kind that are asked.
     const ASKED: usize = 6;
@@ -184,7 +194,8 @@ pub(crate) fn choose_sides(middles: &[Vec3], normals: &[Vec3], places: &mut [Pla
     }
 }
 
-/// Areas (m^2) of the control points at `points`: of those that were `moved` the leaf's area is shared with neighbours on the same face such that its first moment stays that of the leaf.
+/// Areas (m^2) of the control points at `points`: of those that were `moved` the leaf's area is shared with neighbours on the same face
+/// such that its first moment stays that of the leaf.
 pub(crate) fn share_areas(tree: &SphereTree, points: &[Vec3], normals: &[Vec3], moved: &[bool], neighbours: &Rows) -> Vec<Real> {
     let mut areas: Vec<Real> = (0..points.len()).map(|leaf| if moved[leaf] { 0.0 } else { tree.leaf(leaf).area }).collect();
     let mut candidates: Vec<(u32, Vector2<Real>)> = Vec::new();
@@ -207,14 +218,16 @@ pub(crate) fn share_areas(tree: &SphereTree, points: &[Vec3], normals: &[Vec3], 
     areas
 }
 
-/// Shares `w > 0` of candidates at `x_j` (control spacings) in what stands at 0: local maximum-entropy weights (Arroyo and Ortiz, *Local maximum-entropy approximation schemes*,
+/// Shares `w > 0` of candidates at `x_j` (control spacings) in what stands at 0: local maximum-entropy weights (Arroyo and Ortiz,
+/// *Local maximum-entropy approximation schemes*,
 /// 2006, eqs. 24 to 28), the smoothest with
 ///
 /// ```text
 /// sum w_j = 1,   sum w_j x_j = 0,   w_j = exp(-beta |x_j|^2 + lambda . x_j) / Z(lambda),   beta = 1
 /// ```
 ///
-/// `lambda` minimises `log Z`, whose gradient is `sum w_j x_j` and whose Hessian is the scatter of the `x_j` about it. Where 0 is not between the candidates (the end of a strip) the moment cannot
+/// `lambda` minimises `log Z`, whose gradient is `sum w_j x_j` and whose Hessian is the scatter of the `x_j` about it. Where 0 is not
+/// between the candidates (the end of a strip) the moment cannot
 /// be kept and comes as near as the steps bring it.
 fn shares(candidates: &[(u32, Vector2<Real>)]) -> Vec<Real> {
     let weights_at = |lambda: &Vector2<Real>| {
@@ -248,7 +261,8 @@ fn shares(candidates: &[(u32, Vector2<Real>)]) -> Vec<Real> {
     weights
 }
 
-/// How many points at edges cannot be touched: no control point of their own leaf or around it lies on their face, or fewer than two other points of that face are within `reach` (m), that of the
+/// How many points at edges cannot be touched: no control point of their own leaf or around it lies on their face, or fewer than two
+/// other points of that face are within `reach` (m), that of the
 /// implicit surface, which then has no direction there.
 pub(crate) fn unresolved(tree: &SphereTree, samples: Samples, control: &ControlPoints, neighbours: &Rows, reach: Real) -> usize {
     let Samples { points, normals, .. } = samples;
@@ -338,7 +352,8 @@ mod tests {
 
     #[test]
     fn an_outer_edge_has_control_points_and_an_inner_one_has_none() {
-        // A step: floor z = 0 for x < 0, wall x = 0 up to z = 1, top z = 1 for x > 0. Inner edge at the bottom of the wall, outer edge at its top.
+        // A step: floor z = 0 for x < 0, wall x = 0 up to z = 1, top z = 1 for x > 0. Inner edge at the bottom of the wall,
+        // outer edge at its top.
         let (mut points, mut normals) = (Vec::new(), Vec::new());
         let (cells, spacing) = (20, 0.05);
         for i in 0..cells {

@@ -191,7 +191,8 @@ fn cut(points: &[Vec3], normals: &[Vec3], areas: &[Real], order: &mut [u32], quo
     (left_points, left_leaves)
 }
 
-/// Leaves for `part` of a node's points (`all`), which owes `quota`: in proportion to its points, or one for each spacing of the node's leaves along its length where those are more. Half of
+/// Leaves for `part` of a node's points (`all`), which owes `quota`: in proportion to its points, or one for each spacing of the node's
+/// leaves along its length where those are more. Half of
 /// the node's at most, and a point for each.
 fn leaves_along(points: &[Vec3], areas: &[Real], part: &[u32], all: &[u32], quota: usize) -> usize {
     let in_proportion = (quota * part.len()).div_ceil(all.len());

@@ -75,7 +75,8 @@ pub struct Surface {
     pub interpolation: Rows,
     /// ... and their weights, adding up to 1 for each point.
     pub interpolation_weights: Vec<f32>,
-    /// Points at edges where the surface is not known well enough to touch: no control point on their own face stands for them, or fewer than two others of that face are within
+    /// Points at edges where the surface is not known well enough to touch: no control point on their own face stands for them, or
+    /// fewer than two others of that face are within
     /// reach of the implicit surface. See [`Surface::note`].
     pub unresolved: usize,
     /// Whether normals or areas were estimated: the order of the points is that of the search for it.
@@ -182,7 +183,8 @@ impl Surface {
     pub fn note(&self) -> Option<String> {
         (self.unresolved > 0).then(|| {
             format!(
-                "{} of {} points lie on faces too narrow for how they are sampled (points are {:.3e} m apart, control points {:.3e} m): contact there may be missed; give more points on \
+                "{} of {} points lie on faces too narrow for how they are sampled (points are {:.3e} m apart, \
+                 control points {:.3e} m): contact there may be missed; give more points on \
                  these faces, {:.3e} m apart at most, or more control points",
                 self.unresolved,
                 self.len(),

@@ -17,7 +17,8 @@ const FINGERTIP_RIM_COSINE: Real = -0.2;
 /// The surface of a box of edge lengths `size` (m), centred at the origin: `n` points (>= 6), normals exact and never averaged at
 /// edges.
 ///
-/// Layout: faces in the order +x, -x, +y, -y, +z, -z, each with a share of the points in proportion to its area. One that is narrower than the points are apart
+/// Layout: faces in the order +x, -x, +y, -y, +z, -z, each with a share of the points in proportion to its area. One that is narrower
+/// than the points are apart
 /// gets a row of them as far apart as elsewhere, and at least one.
 /// The plane coordinates of a face are the two other axes in cyclic order. A face of sides a, b and m points has about sqrt(m b/a)
 /// rows along a, as tall as their share of the m points, and each row's points stand in the middle of equal rectangles. So every
@@ -109,7 +110,8 @@ pub fn sample_capsule(radius: Real, length: Real, n: usize) -> Result<PointSurfa
 }
 
 /// A closed cylinder about the z axis, of `radius` and `length` (m), centred at the origin, `n` points (>= 6): the side, then the top
-/// and the bottom disc, each with a share of the points in proportion to its area, but a ring of them at least on the side. The side is a face of [`sample_box`] rolled up
+/// and the bottom disc, each with a share of the points in proportion to its area, but a ring of them at least on the side. The side is
+/// a face of [`sample_box`] rolled up
 /// (rings from the bottom up), the discs are concentric rings from the middle out, so that points stand half a spacing from the two
 /// rims. Equal areas within each of the three.
 ///
@@ -216,7 +218,8 @@ fn for_each_in_disc(radius: Real, m: usize, mut visit: impl FnMut(Real, Real, Re
     }
 }
 
-/// Weights of rectangular faces of sides (a, b) in `n` points: their areas, but a row of points along those that are narrower than the spacing s of the points.
+/// Weights of rectangular faces of sides (a, b) in `n` points: their areas, but a row of points along those that are narrower than the
+/// spacing s of the points.
 ///
 /// ```text
 /// weight = max(a b, max(a, b) s),   s such that sum weight / s^2 = n
