@@ -106,13 +106,19 @@ class Surface:
         """(m, 3) unit outward normals at the control points, body frame."""
     @property
     def control_areas(self) -> FloatArray:
-        """(m,) m^2; the sum is ``area``."""
+        """(m,) m^2, what each stands for; the sum is ``area``."""
     @property
     def area(self) -> float:
         """Total area, m^2."""
     @property
     def spacing(self) -> float:
         """Mean distance of neighbouring points, ``sqrt(area / n)``, m."""
+    @property
+    def unresolved(self) -> int:
+        """How many points lie on faces too narrow for how they are sampled: contact there may be missed.
+
+        A ``SurfaceWarning`` says so when the surface is built, and what would help.
+        """
     def __len__(self) -> int:
         """Number of points."""
 

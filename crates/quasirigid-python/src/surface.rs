@@ -29,8 +29,9 @@ impl Surface {
         let control_points = control_points.map(|n| conv::count(py, "control_points", n)).transpose()?;
         let (engine, notes) = interruptible(py, move |interrupt| {
             let surface = sample(interrupt)?;
-            let notes = surface.findings().notes();
+            let mut notes = surface.findings().notes();
             let engine = quasirigid::surface::Surface::build_until(surface, control_points, interrupt)?;
+            notes.extend(engine.note());
             Ok((engine, notes))
         })?;
         warn(py, &notes)?;
@@ -233,6 +234,12 @@ impl Surface {
     #[getter]
     fn spacing(&self) -> Real {
         self.engine.spacing
+    }
+
+    #[doc = doc!("Surface.unresolved")]
+    #[getter]
+    fn unresolved(&self) -> usize {
+        self.engine.unresolved
     }
 
     #[doc = doc!("Surface.__len__")]

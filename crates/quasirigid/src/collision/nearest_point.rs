@@ -19,6 +19,18 @@ pub(super) fn faces_meet(coupled: &[Coupled], skin_b: &Skin) -> bool {
 /// Of the coupled nodes, the one with the point nearest to `x` among those that face the control point. Of the leaves that are
 /// coupled with a control point the nearest keeps it; comparing points alone finds it without projecting on each.
 pub(super) fn nearest_node(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_a: &Vec3) -> Option<(u32, usize)> {
+    nearest_facing(coupled, skin_b, x, normal_a, FACES)
+}
+
+/// Whether some point of the coupled nodes faces the control point, or will when the two have turned by at most `angle` (rad) against
+/// each other.
+pub(super) fn may_face(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_a: &Vec3, angle: Real) -> bool {
+    // A cosine changes by no more than the angle does.
+    nearest_facing(coupled, skin_b, x, normal_a, FACES + angle).is_some()
+}
+
+/// [`nearest_node`] among points whose normals have less than the product `faces` with that of the control point.
+fn nearest_facing(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_a: &Vec3, faces: Real) -> Option<(u32, usize)> {
     let surface = &skin_b.surface;
     let mut best: Option<(Real, u32, usize)> = None;
     for c in coupled {
@@ -30,7 +42,7 @@ pub(super) fn nearest_node(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_
         }
         let mut look = |k: usize| {
             let distance2 = (surface.points[k] - x).norm_squared();
-            if best.is_none_or(|(least, ..)| distance2 < least) && surface.normals[k].dot(normal_a) < FACES {
+            if best.is_none_or(|(least, ..)| distance2 < least) && surface.normals[k].dot(normal_a) < faces {
                 best = Some((distance2, c.node_b, k));
             }
         };

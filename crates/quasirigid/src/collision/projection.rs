@@ -2,7 +2,8 @@
 
 use super::budget::area_in_contact;
 use super::cache::{CachedProjection, Coupled, Coupling, Found};
-use super::nearest_point::{Border, SAME_FACE, faces_meet, height_over_nearest, is_outside, nearest_node};
+use super::nearest_point::{Border, SAME_FACE, faces_meet, height_over_nearest, is_outside, may_face, nearest_node};
+use super::traversal::ROTATED;
 use crate::collider::Skin;
 use crate::free_motion::FreeMotion;
 use crate::math::{Mat3, Pose, Real, Vec3, contact_frame};
@@ -127,7 +128,7 @@ impl<'a> PairGeometry<'a> {
         let height = |p: &Vec3| normal.dot(&(self.rotation_ba * p + self.shift_ba - foot));
         let node = &self.skin_a.surface.tree.nodes[coupled[0].node_a as usize];
         let area = if node.children.is_none() {
-            node.area
+            self.skin_a.surface.control.areas[control_point]
         } else {
             area_in_contact(&self.skin_a.surface, node, control_point, self.params.contact_margin, height)
         };
@@ -199,10 +200,15 @@ impl<'a> PairGeometry<'a> {
         // it is pressed would still be a face that it has long passed.
         let at_edge = faces_meet(coupled, self.skin_b).then(|| self.at_rest(control_point));
         let Some((node_b, nearest)) = nearest_node(coupled, self.skin_b, at_edge.as_ref().unwrap_or(x), &normal_a) else {
-            // Whether anything faces it depends on directions alone, so this holds for as long as it
-            // stays outside; it is invalidated when the bodies rotate, and when other leaves are coupled.
+            // Whether anything faces it depends on directions alone, so this holds for as long as it stays outside; it is invalidated
+            // when the bodies rotate, and when other leaves are coupled. Where a rotation too small to do so would make something
+            // face it, it is projected in every step: a control point on an edge is at the surface then.
             let height = height_over_nearest(coupled, self.skin_b, x).unwrap_or(0.0);
-            return CachedProjection { deep: height < -DEEP * surface.spacing, holds_for: height.max(slack), ..nothing() };
+            let deep = height < -DEEP * surface.spacing;
+            if may_face(coupled, self.skin_b, x, &normal_a, ROTATED) {
+                return CachedProjection { deep, holds_for: 0.0, ..nothing() };
+            }
+            return CachedProjection { deep, holds_for: height.max(slack), ..nothing() };
         };
         if let Some(rest) = &at_edge
             && self.is_past_edge(coupled, rest, nearest, &normal_a)

@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 const SLACK_SPACINGS: Real = 0.1;
 
 /// Where two surfaces have rotated by more than this against each other, other points may face each other, rad.
-const ROTATED: Real = 0.02;
+pub(super) const ROTATED: Real = 0.02;
 
 #[derive(Debug, Default)]
 pub(super) struct Traversal {

@@ -1,12 +1,15 @@
-//! Control points: one for each leaf of the sphere tree, its centre projected on the surface. They carry the compliance.
+//! Control points: one for each leaf of the sphere tree, its centre projected on the surface, or on the edge that it reaches. They
+//! carry the compliance.
 
 use crate::interrupt::Interrupt;
 use crate::math::{Real, Vec3, any_perpendicular};
+use crate::surface::edges::{Place, Samples, choose_sides, place, share_areas};
 use crate::surface::implicit::kernel::{Kernel, exp_minus};
 use crate::surface::implicit::{Cloud, project};
 use crate::surface::search::lane::{LANES, Lane};
 use crate::surface::search::neighbours::NeighbourGrid;
 use crate::surface::sphere_tree::SphereTree;
+use crate::surface::surface_model::Rows;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
@@ -44,7 +47,8 @@ pub struct ControlPoints {
     pub normals: Vec<Vec3>,
     /// A unit tangent of each, fixed in the body: contact frames follow it.
     pub tangents: Vec<Vec3>,
-    /// Area `A_c` that each stands for, m^2: the areas of its leaf's points, so that they add up to the surface's area.
+    /// Area `A_c` that each stands for, m^2: the areas of its leaf's points, shared with neighbours where it stands on an edge.
+    /// They add up to the surface's area.
     pub areas: Vec<Real>,
     /// Mean of `1/r` over the area of each, as seen from its control point, 1/m: what a half-space's
     /// singular Green's function weighs its own load by, see [`inverse_distances`].
@@ -120,21 +124,23 @@ impl Weights {
 }
 
 impl ControlPoints {
-    /// Projects every leaf's centre on the surface. `points` and `normals` are in tree order; `border` yields the point ranges
-    /// of a leaf and its neighbours.
+    /// Projects every leaf's centre on the surface, and moves those that reach a convex edge onto it. `samples` are in tree order;
+    /// `border` yields the point ranges
+    /// of a leaf and its neighbours, which `neighbours` has.
     pub(crate) fn build(
         tree: &SphereTree,
-        points: &[Vec3],
-        normals: &[Vec3],
+        samples: Samples,
         kernel: &Kernel,
+        neighbours: &Rows,
         border: impl Fn(usize, &mut Vec<Range<u32>>) + Sync,
         interrupt: &Interrupt,
     ) -> Self {
+        let Samples { points, normals, .. } = samples;
         let tolerance = ON_SURFACE * kernel.bandwidth();
         let on_surface = |ranges: &mut Vec<Range<u32>>, leaf: usize| {
             let node = tree.leaf(leaf);
             if interrupt.raised() {
-                return (node.center, node.mean_normal);
+                return (node.center, node.mean_normal, Place::Middle);
             }
             ranges.clear();
             border(leaf, ranges);
@@ -145,17 +151,27 @@ impl ControlPoints {
             // Only points whose normals are like those of this leaf decide where its
             // surface is: the other side of a thin plate is near, too.
             let facing = -normals[nearest];
-            project(&node.center, &Cloud { points, normals, ranges, kernel, facing: Some(&facing) }, tolerance, 20)
-                .map_or((points[nearest], normals[nearest]), |p| (p.point, p.normal))
+            let (middle, normal) = project(&node.center, &Cloud { points, normals, ranges, kernel, facing: Some(&facing) }, tolerance, 20)
+                .map_or((points[nearest], normals[nearest]), |p| (p.point, p.normal));
+            (middle, normal, place(samples, node.points(), &middle, &normal, ranges))
         };
-        let found: Vec<(Vec3, Vec3)> = (0..tree.leaves.len()).into_par_iter().map_init(Vec::new, on_surface).collect();
+        let found: Vec<(Vec3, Vec3, Place)> = (0..tree.leaves.len()).into_par_iter().map_init(Vec::new, on_surface).collect();
         let mut control = Self::default();
-        for (leaf, (point, normal)) in found.into_iter().enumerate() {
-            control.points.push(point);
+        let mut places = Vec::with_capacity(found.len());
+        for (middle, normal, place) in found {
+            control.points.push(middle);
             control.normals.push(normal);
-            control.tangents.push(any_perpendicular(&normal));
-            control.areas.push(tree.leaf(leaf).area);
+            places.push(place);
         }
+        choose_sides(&control.points, &control.normals, &mut places);
+        for (leaf, place) in places.iter().enumerate() {
+            if let Place::Edge(point, normal) = place {
+                (control.points[leaf], control.normals[leaf]) = (*point, *normal);
+            }
+        }
+        control.tangents = control.normals.iter().map(any_perpendicular).collect();
+        let moved: Vec<bool> = places.iter().map(|place| *place != Place::Middle).collect();
+        control.areas = share_areas(tree, &control.points, &control.normals, &moved, neighbours);
         control.spacing = (control.areas.iter().sum::<Real>() / control.areas.len() as Real).sqrt();
         control.inverse_distances = inverse_distances(&control.points, &control.normals, &control.areas, control.spacing);
         control

@@ -3,6 +3,7 @@
 
 pub mod compliance;
 pub mod control_points;
+mod edges;
 pub mod implicit;
 pub mod sampling;
 pub mod search;

@@ -3,7 +3,8 @@
 //! Built top-down with a quota: a node that owes `m` leaves hands `m/2` of them, and points in the same ratio, to each side of a
 //! cut across its longest axis. So the tree has exactly the number of leaves asked for, and leaves of nearly equal area. Near
 //! the leaves a node whose normals disagree is cut between the normals instead: a leaf never bends around a sharp edge while
-//! another cut is possible.
+//! another cut is possible. At an edge the smaller side gets a leaf for every control spacing of its length at least, so that an edge
+//! or a rim that is narrower than that has control points all along.
 //!
 //! Nodes are stored breadth-first (a parent before its children), so that a bottom-up pass is a loop from the end. Points are
 //! re-ordered so that every node owns a contiguous range: a leaf's points are a slice.
@@ -18,6 +19,12 @@ const NORMAL_CUT_LEAVES: usize = 32;
 
 /// A node is cut by normals when the mean of its unit normals is shorter than this (about 30 degrees of spread each way).
 const NORMAL_CUT_LENGTH: Real = 0.9;
+
+/// ... or when one of them makes more than this cosine with their mean: a narrow face of which the node has few points.
+const NORMAL_CUT_OUTLIER: Real = 0.6;
+
+/// An edge parts two groups of unit normals that leave a gap of this width between them, 30 degrees: those of a round surface leave none.
+const EDGE_GAP: Real = 0.5;
 
 /// Vectors that a principal axis is found from, at least, where there are as many.
 const AXIS_SAMPLE: usize = 4096;
@@ -92,7 +99,7 @@ impl SphereTree {
                 work.push((index, own));
             }
             let quota = |index: usize| nodes[index].leaf_count as usize;
-            let cuts: Vec<_> = work.into_par_iter().map(|(index, own)| (index, cut(points, normals, own, quota(index)))).collect();
+            let cuts: Vec<_> = work.into_par_iter().map(|(index, own)| (index, cut(points, normals, areas, own, quota(index)))).collect();
             level = level.end..level.end + 2 * cuts.len();
             for (index, (left_points, left_leaves)) in cuts {
                 let (below, quota) = (nodes[index].points(), nodes[index].leaf_count as usize);
@@ -158,12 +165,20 @@ impl Node {
 }
 
 /// Re-orders `order` so that its first part belongs to the left child; returns (points, leaves) of the left child.
-fn cut(points: &[Vec3], normals: &[Vec3], order: &mut [u32], quota: usize) -> (usize, usize) {
+fn cut(points: &[Vec3], normals: &[Vec3], areas: &[Real], order: &mut [u32], quota: usize) -> (usize, usize) {
     let count = order.len();
     if quota <= NORMAL_CUT_LEAVES
-        && let Some(left_points) = cut_by_normals(normals, order)
+        && let Some((left_points, is_edge)) = cut_by_normals(normals, order)
     {
-        let left_leaves = (quota * left_points).div_ceil(count).clamp(1, quota - 1);
+        let (first, second) = order.split_at(left_points);
+        let left_leaves = if !is_edge {
+            (quota * left_points).div_ceil(count)
+        } else if first.len() < second.len() {
+            leaves_along(points, areas, first, order, quota)
+        } else {
+            quota - leaves_along(points, areas, second, order, quota).min(quota)
+        };
+        let left_leaves = left_leaves.clamp(1, quota - 1);
         // Each side needs at least one point for each leaf it owes.
         if left_points >= left_leaves && count - left_points >= quota - left_leaves {
             return (left_points, left_leaves);
@@ -177,10 +192,24 @@ fn cut(points: &[Vec3], normals: &[Vec3], order: &mut [u32], quota: usize) -> (u
     (left_points, left_leaves)
 }
 
-/// Splits a bent set between its two groups of normals; `None` if it is not bent.
-fn cut_by_normals(normals: &[Vec3], order: &mut [u32]) -> Option<usize> {
+/// Leaves for `part` of a node's points (`all`), which owes `quota`: in proportion to its points, or one for each spacing of the node's
+/// leaves along its length where those are more. Half of
+/// the node's at most, and a point for each.
+fn leaves_along(points: &[Vec3], areas: &[Real], part: &[u32], all: &[u32], quota: usize) -> usize {
+    let in_proportion = (quota * part.len()).div_ceil(all.len());
+    let axis = principal_axis(points, part);
+    let key = |&i: &u32| axis.dot(&points[i as usize]);
+    let (low, high) = part.iter().map(key).fold((Real::INFINITY, Real::NEG_INFINITY), |(low, high), k| (low.min(k), high.max(k)));
+    let spacing = (all.iter().map(|&i| areas[i as usize]).sum::<Real>() / quota as Real).sqrt();
+    let along = ((high - low) / spacing).ceil() as usize;
+    in_proportion.max(along.min(quota / 2).min(part.len()))
+}
+
+/// Splits a bent set between its two groups of normals, and says whether an edge parts the two; `None` if it is not bent.
+fn cut_by_normals(normals: &[Vec3], order: &mut [u32]) -> Option<(usize, bool)> {
     let mean = order.iter().map(|&i| normals[i as usize]).sum::<Vec3>() / order.len() as Real;
-    if mean.norm() >= NORMAL_CUT_LENGTH {
+    let length = mean.norm();
+    if length >= NORMAL_CUT_LENGTH && order.iter().all(|&i| normals[i as usize].dot(&mean) >= NORMAL_CUT_OUTLIER * length) {
         return None;
     }
     let axis = principal_axis(normals, order);
@@ -189,7 +218,9 @@ fn cut_by_normals(normals: &[Vec3], order: &mut [u32]) -> Option<usize> {
     let middle = 0.5 * (low + high);
     order.sort_unstable_by(|&a, &b| (key(a) > middle).cmp(&(key(b) > middle)).then(a.cmp(&b)));
     let left = order.iter().filter(|&&i| key(i) <= middle).count();
-    (left > 0 && left < order.len()).then_some(left)
+    let below = order[..left].iter().map(|&i| key(i)).fold(Real::NEG_INFINITY, Real::max);
+    let above = order[left..].iter().map(|&i| key(i)).fold(Real::INFINITY, Real::min);
+    (left > 0 && left < order.len()).then_some((left, above - below > EDGE_GAP))
 }
 
 /// The direction in which the chosen vectors spread most, about: they are cut along it, for which a few thousand of them suffice.

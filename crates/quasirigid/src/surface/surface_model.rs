@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::interrupt::Interrupt;
 use crate::math::{Pose, Real, Vec3};
 use crate::surface::control_points::{ControlPoints, Weights};
+use crate::surface::edges::{Samples, unresolved};
 use crate::surface::implicit::kernel::Kernel;
 use crate::surface::sampling::point_surface::{PointSurface, Spread};
 use crate::surface::search::nearest::pick;
@@ -74,6 +75,10 @@ pub struct Surface {
     pub interpolation: Rows,
     /// ... and their weights, adding up to 1 for each point.
     pub interpolation_weights: Vec<f32>,
+    /// Points at edges where the surface is not known well enough to touch: no control point on their own face stands for them, or
+    /// fewer than two others of that face are within
+    /// reach of the implicit surface. See [`Surface::note`].
+    pub unresolved: usize,
     /// Whether normals or areas were estimated: the order of the points is that of the search for it.
     pub(crate) estimated: bool,
     /// See [`Surface::content_hash`].
@@ -148,9 +153,12 @@ impl Surface {
                 }
             }
         };
-        let control = ControlPoints::build(&tree, &points, &normals, &kernel, border, interrupt);
+        let samples = Samples { points: &points, normals: &normals, spacing };
+        let control = ControlPoints::build(&tree, samples, &kernel, &leaf_neighbours, border, interrupt);
         interrupt.check()?;
         let (interpolation, interpolation_weights) = interpolate(&tree, &points, &normals, &control, &leaf_neighbours, interrupt);
+        interrupt.check()?;
+        let unresolved = unresolved(&tree, samples, &control, &leaf_neighbours, kernel.cutoff());
         interrupt.check()?;
         Ok(Self {
             points,
@@ -165,8 +173,25 @@ impl Surface {
             control,
             interpolation,
             interpolation_weights,
+            unresolved,
             estimated,
             hash: OnceLock::new(),
+        })
+    }
+
+    /// What to tell whoever gave the surface: that parts of it may not be felt, and what to do.
+    pub fn note(&self) -> Option<String> {
+        (self.unresolved > 0).then(|| {
+            format!(
+                "{} of {} points lie on faces too narrow for how they are sampled (points are {:.3e} m apart, \
+                 control points {:.3e} m): contact there may be missed; give more points on \
+                 these faces, {:.3e} m apart at most, or more control points",
+                self.unresolved,
+                self.len(),
+                self.spacing,
+                self.control.spacing,
+                0.5 * self.kernel.cutoff()
+            )
         })
     }
 

@@ -18,7 +18,9 @@ const FINGERTIP_RIM_COSINE: Real = -0.2;
 /// The surface of a box of edge lengths `size` (m), centred at the origin: `n` points (>= 6), normals exact and never averaged at
 /// edges.
 ///
-/// Layout: faces in the order +x, -x, +y, -y, +z, -z, each with a share of the points in proportion to its area (at least one).
+/// Layout: faces in the order +x, -x, +y, -y, +z, -z, each with a share of the points in proportion to its area. One that is narrower
+/// than the points are apart
+/// gets a row of them as far apart as elsewhere, and at least one.
 /// The plane coordinates of a face are the two other axes in cyclic order. A face of sides a, b and m points has about sqrt(m b/a)
 /// rows along a, as tall as their share of the m points, and each row's points stand in the middle of equal rectangles. So every
 /// point of a face has the same area, and edge points stand half a spacing from the edge.
@@ -30,8 +32,8 @@ pub fn sample_box(size: Vec3, n: usize) -> Result<PointSurface> {
         check_positive(name, *value, "m")?;
     }
     check_count(n, 6)?;
-    let face_areas = [size.y * size.z, size.z * size.x, size.x * size.y].map(|a| [a, a]).concat();
-    let counts = apportion(n, &face_areas, 1);
+    let sides = [[size.y, size.z], [size.z, size.x], [size.x, size.y]].map(|face| [face, face]).concat();
+    let counts = apportion(n, &with_rows(n, &sides), 1);
     let mut sampling = Sampling::with_capacity(n);
     for (face, &m) in counts.iter().enumerate() {
         let (axis, sign) = (face / 2, if face % 2 == 0 { 1.0 } else { -1.0 });
@@ -109,7 +111,8 @@ pub fn sample_capsule(radius: Real, length: Real, n: usize) -> Result<PointSurfa
 }
 
 /// A closed cylinder about the z axis, of `radius` and `length` (m), centred at the origin, `n` points (>= 6): the side, then the top
-/// and the bottom disc, each with a share of the points in proportion to its area. The side is a face of [`sample_box`] rolled up
+/// and the bottom disc, each with a share of the points in proportion to its area, but a ring of them at least on the side. The side is
+/// a face of [`sample_box`] rolled up
 /// (rings from the bottom up), the discs are concentric rings from the middle out, so that points stand half a spacing from the two
 /// rims. Equal areas within each of the three.
 ///
@@ -119,8 +122,8 @@ pub fn sample_cylinder(radius: Real, length: Real, n: usize) -> Result<PointSurf
     check_positive("cylinder radius", radius, "m")?;
     check_positive("cylinder length", length, "m")?;
     check_count(n, 6)?;
-    let (side, disc) = (2.0 * PI * radius * length, PI * radius * radius);
-    let counts = apportion(n, &[side, disc, disc], 1);
+    let (side, disc) = ([2.0 * PI * radius, length], [PI.sqrt() * radius; 2]);
+    let counts = apportion(n, &with_rows(n, &[side, disc, disc]), 1);
     let mut sampling = Sampling::with_capacity(n);
     for_each_in_rectangle(2.0 * PI * radius, length, counts[0], |arc, z, area| {
         let (sin, cos) = (arc / radius).sin_cos();
@@ -214,6 +217,31 @@ fn for_each_in_disc(radius: Real, m: usize, mut visit: impl FnMut(Real, Real, Re
         }
         done = end;
     }
+}
+
+/// Weights of rectangular faces of sides (a, b) in `n` points: their areas, but a row of points along those that are narrower than the
+/// spacing s of the points.
+///
+/// ```text
+/// weight = max(a b, max(a, b) s),   s such that sum weight / s^2 = n
+/// ```
+fn with_rows(n: usize, sides: &[[Real; 2]]) -> Vec<Real> {
+    let weight = |s: Real| sides.iter().map(move |&[a, b]| (a * b).max(a.max(b) * s));
+    let count = |s: Real| weight(s).map(|w| w / s / s).sum::<Real>();
+    let mut low = (sides.iter().map(|[a, b]| a * b / n as Real).sum::<Real>()).sqrt();
+    if sides.iter().all(|[a, b]| a.min(*b) >= low) {
+        return weight(0.0).collect();
+    }
+    // Counts fall with the spacing.
+    let mut high = 2.0 * low;
+    while count(high) > n as Real && high.is_finite() {
+        (low, high) = (high, 2.0 * high);
+    }
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if count(middle) > n as Real { low = middle } else { high = middle }
+    }
+    weight(high).collect()
 }
 
 /// Shares `n` among parts in proportion to `weights` (> 0) by the largest remainder, each part at least `least`; needs
