@@ -9,7 +9,7 @@ use super::cache::Coupled;
 use super::deep_overlap::nearest;
 use crate::math::{Real, Vec3};
 use crate::surface::Surface;
-use crate::surface::implicit::FACES;
+use crate::surface::implicit::FACING_COSINE;
 use crate::surface::sphere_tree::Node;
 
 /// Sphere tests that finding one such leaf takes, about: two searches for a nearest point, and once down a tree.
@@ -48,7 +48,7 @@ impl<F: Fn(&Vec3) -> Vec3, G: Fn(&Vec3) -> Vec3> Trees<'_, F, G> {
         let control_point = nodes[leaf as usize].first_leaf as usize;
         let x = (self.point)(&self.surface_a.control.points[control_point]);
         let normal = (self.direction)(&self.surface_a.control.normals[control_point]);
-        nearest(stack, self.surface_b, &x, Real::INFINITY, |n| n.dot(&normal) < FACES).map(|(node_b, ..)| (leaf, node_b))
+        nearest(stack, self.surface_b, &x, Real::INFINITY, |n| n.dot(&normal) < FACING_COSINE).map(|(node_b, ..)| (leaf, node_b))
     }
 
     /// Couples what is left in the `queue` at the cost of `tests` more sphere tests, in

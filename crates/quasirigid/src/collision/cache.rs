@@ -68,8 +68,8 @@ pub struct Coupling {
     pub(super) suspected: bool,
     /// Whether the two have penetrated each other fully, see [`crate::collision::separation`].
     pub(super) penetrated: bool,
-    /// The way out of a full penetration: where `a` has to go, a unit vector in the frame of `b`.
-    pub(super) way_out: Option<Vec3>,
+    /// Direction in which `a` leaves `b` soonest, a unit vector in the frame of `b`; of a pair that has penetrated fully.
+    pub(super) separation: Option<Vec3>,
 }
 
 /// Pose of `a` in the frame of `b`, and how far the two surfaces had deformed (m), at some time.
@@ -132,7 +132,7 @@ impl Default for Coupling {
             examined: false,
             suspected: false,
             penetrated: false,
-            way_out: None,
+            separation: None,
         }
     }
 }

@@ -8,7 +8,7 @@
 use super::cache::Coupled;
 use crate::math::{Real, Vec3};
 use crate::surface::Surface;
-use crate::surface::implicit::FACES;
+use crate::surface::implicit::FACING_COSINE;
 
 /// A face that the control point faces is its way out if it is no farther than this many times the nearest
 /// face of all. Half way into a box the sides of a fingertip would otherwise choose the far walls.
@@ -36,7 +36,7 @@ pub(super) fn couple_points_inside(
         if coupled[..known].binary_search_by_key(&control_point, |c| c.control_point).is_ok() {
             continue;
         }
-        if let Some((node_b, _, _)) = nearest(stack, surface_b, &x, DETOUR * depth, |normal| normal.dot(&normal_a) < FACES) {
+        if let Some((node_b, _, _)) = nearest(stack, surface_b, &x, DETOUR * depth, |normal| normal.dot(&normal_a) < FACING_COSINE) {
             coupled.push(Coupled { control_point, node_a, node_b });
         }
     }

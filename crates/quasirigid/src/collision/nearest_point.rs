@@ -4,7 +4,7 @@
 use super::cache::Coupled;
 use crate::collider::Skin;
 use crate::math::{Real, Vec3};
-use crate::surface::implicit::FACES;
+use crate::surface::implicit::FACING_COSINE;
 use std::ops::Range;
 
 /// Coupled leaves whose mean normals make more than 60 degrees lie on different faces.
@@ -19,14 +19,14 @@ pub(super) fn faces_meet(coupled: &[Coupled], skin_b: &Skin) -> bool {
 /// Of the coupled nodes, the one with the point nearest to `x` among those that face the control point. Of the leaves that are
 /// coupled with a control point the nearest keeps it; comparing points alone finds it without projecting on each.
 pub(super) fn nearest_node(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_a: &Vec3) -> Option<(u32, usize)> {
-    nearest_facing(coupled, skin_b, x, normal_a, FACES)
+    nearest_facing(coupled, skin_b, x, normal_a, FACING_COSINE)
 }
 
 /// Whether some point of the coupled nodes faces the control point, or will when the two have turned by at most `angle` (rad) against
 /// each other.
 pub(super) fn may_face(coupled: &[Coupled], skin_b: &Skin, x: &Vec3, normal_a: &Vec3, angle: Real) -> bool {
     // A cosine changes by no more than the angle does.
-    nearest_facing(coupled, skin_b, x, normal_a, FACES + angle).is_some()
+    nearest_facing(coupled, skin_b, x, normal_a, FACING_COSINE + angle).is_some()
 }
 
 /// [`nearest_node`] among points whose normals have less than the product `faces` with that of the control point.

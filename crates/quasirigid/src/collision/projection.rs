@@ -11,7 +11,7 @@ use crate::objects::{Objects, Side};
 use crate::pair::{Contact, Pair};
 use crate::params::Parameters;
 use crate::surface::Weights;
-use crate::surface::implicit::{Cloud, FACES, project};
+use crate::surface::implicit::{Cloud, FACING_COSINE, project};
 use std::ops::Range;
 
 /// A projection farther from the nearest sample than this many leaf gaps (half the
@@ -171,7 +171,7 @@ impl<'a> PairGeometry<'a> {
         let other = coupled
             .iter()
             .flat_map(|c| surface.tree.nodes[c.node_b as usize].points())
-            .filter(|&k| surface.normals[k].dot(n1) < SAME_FACE && surface.normals[k].dot(normal_a) < FACES)
+            .filter(|&k| surface.normals[k].dot(n1) < SAME_FACE && surface.normals[k].dot(normal_a) < FACING_COSINE)
             .min_by(|i, j| distance2(i).total_cmp(&distance2(j)));
         other.is_some_and(|k| {
             let (p2, n2) = (&surface.points[k], &surface.normals[k]);
@@ -189,7 +189,7 @@ impl<'a> PairGeometry<'a> {
         let leaves = 0; // filled in by the caller
         let slack = SLACK * surface.spacing;
         let nothing = || CachedProjection { x: *x, holds_for: slack, surface: Found::Nothing, at_edge: None, deep: false, leaves };
-        if let Some(normal) = coupling.way_out {
+        if let Some(normal) = coupling.separation {
             let leaf_b = surface.tree.nodes[coupled[0].node_b as usize].first_leaf;
             let weights = if pair.rigid_b { Weights::none() } else { Weights::single(leaf_b) };
             let surface = Found::Foot { foot: surface.control.points[leaf_b as usize], normal, weights };
@@ -236,7 +236,7 @@ impl<'a> PairGeometry<'a> {
         // which way the surface lies, and the foot is not under the control point.
         let lateral = |v: Vec3| (v - q.normal * q.normal.dot(&v)).norm();
         let border_width = BORDER_GAPS * border.gap;
-        if q.normal.dot(&normal_a) >= FACES
+        if q.normal.dot(&normal_a) >= FACING_COSINE
             || lateral(surface.points[q.nearest] - q.point) > border_width
             || lateral(x - q.point) > border_width
         {

@@ -70,7 +70,7 @@ impl<F: Fn(usize) -> (Vec3, Vec3)> Overlap<'_, F> {
 
     /// The unit direction (frame of `b`) along which `a` has least way to leave `b`. `None` if there is none on which
     /// the two surfaces face each other. Of equal ones that of `last`, or the first in a fixed order.
-    pub(super) fn shortest_way(&self, last: Option<Vec3>) -> Option<Vec3> {
+    pub(super) fn shortest_separation(&self, last: Option<Vec3>) -> Option<Vec3> {
         let (points_a, points_b) = (self.surface_a.control.len(), self.surface_b.control.len());
         let mut best: Option<(Real, Vec3)> = last.and_then(|way| Some((KEPT * self.depth(&way)?, way)));
         let try_way = |way: Vec3, best: &mut Option<(Real, Vec3)>| {

@@ -75,7 +75,7 @@ pub(super) fn traverse(
     let slack = params.traversal_slack.max(SLACK_SPACINGS * skin_a.surface.control.spacing.max(skin_b.surface.control.spacing));
     (coupling.margin, coupling.searched, coupling.found, coupling.asleep) = (needed + slack, coupling.deep, now, None);
     coupling.examined = false;
-    if !(newly_penetrated || coupling.penetrated) || !couple_along_way_out(out, pair, cache, skin_a, skin_b) {
+    if !(newly_penetrated || coupling.penetrated) || !couple_along_separation(out, pair, cache, skin_a, skin_b) {
         couple(out, pair, &mut cache.coupling, skin_a, skin_b);
     }
     let PairCache { coupling, projections } = cache;
@@ -106,8 +106,9 @@ pub(super) fn have_penetrated(
     overlap.points_are_inside(stack, stride, depth) || overlap.middle_is_inside_both(stack, &center_a, &skin_b.bounding_sphere().center)
 }
 
-/// Couples control points of two bodies that have penetrated each other fully along their way out. False if they have not, or not any more.
-fn couple_along_way_out(out: &mut Traversal, pair: &Pair, cache: &mut PairCache, skin_a: &Skin, skin_b: &Skin) -> bool {
+/// Couples control points of two bodies that have penetrated each other fully along the direction that separates them
+/// soonest. False if they have not, or not any more.
+fn couple_along_separation(out: &mut Traversal, pair: &Pair, cache: &mut PairCache, skin_a: &Skin, skin_b: &Skin) -> bool {
     let PairCache { coupling, projections } = cache;
     let side_a = &pair.side_a;
     let pose_ba = coupling.found.pose_ba;
@@ -118,15 +119,15 @@ fn couple_along_way_out(out: &mut Traversal, pair: &Pair, cache: &mut PairCache,
     let overlap = Overlap { surface_a: &skin_a.surface, surface_b: &skin_b.surface, place, to_a: &to_a };
     // What was found in the step before need not be tested again.
     let still = !coupling.penetrated || have_penetrated(&mut out.stack, &side_a.displacement, skin_a, skin_b, &pose_ba, 1, 0.0);
-    let way_out = if still { overlap.shortest_way(coupling.way_out) } else { None };
-    if way_out.is_none() || coupling.way_out.is_none() {
+    let separation = if still { overlap.shortest_separation(coupling.separation) } else { None };
+    if separation.is_none() || coupling.separation.is_none() {
         projections.fill(CachedProjection::default());
     }
-    (coupling.penetrated, coupling.way_out, coupling.deep) = (still, way_out, false);
-    let Some(way_out) = way_out else { return false };
+    (coupling.penetrated, coupling.separation, coupling.deep) = (still, separation, false);
+    let Some(separation) = separation else { return false };
     coupling.coupled.clear();
     let (leaves_a, leaves_b) = (&skin_a.surface.tree.leaves, &skin_b.surface.tree.leaves);
-    overlap.bearing(&way_out, |control_point, k| {
+    overlap.bearing(&separation, |control_point, k| {
         let (node_a, node_b) = (leaves_a[control_point as usize], leaves_b[k as usize]);
         coupling.coupled.push(Coupled { control_point, node_a, node_b });
     });

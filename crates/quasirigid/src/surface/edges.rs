@@ -12,10 +12,9 @@
 //! has to be known but points and normals.
 
 use crate::math::{Real, Vec3, contact_frame};
-use crate::surface::control_points::ControlPoints;
+use crate::surface::rows::Rows;
 use crate::surface::search::neighbours::NeighbourGrid;
 use crate::surface::sphere_tree::SphereTree;
-use crate::surface::surface_model::Rows;
 use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -261,27 +260,27 @@ fn shares(candidates: &[(u32, Vector2<Real>)]) -> Vec<Real> {
     weights
 }
 
-/// How many points at edges cannot be touched: no control point of their own leaf or around it lies on their face, or fewer than two
-/// other points of that face are within `reach` (m), that of the
-/// implicit surface, which then has no direction there.
-pub(crate) fn unresolved(tree: &SphereTree, samples: Samples, control: &ControlPoints, neighbours: &Rows, reach: Real) -> usize {
+/// How many points at edges cannot be touched: no control point of their own leaf or around it lies on their face
+/// (`control_normals`: those of the control points), or fewer than two other points of that face are within `reach`
+/// (m), that of the implicit surface, which then has no direction there.
+pub(crate) fn unresolved(tree: &SphereTree, samples: Samples, control_normals: &[Vec3], neighbours: &Rows, reach: Real) -> usize {
     let Samples { points, normals, .. } = samples;
     let of_leaf = |leaf: usize| {
         let leaves = || std::iter::once(leaf as u32).chain(neighbours.row(leaf).iter().copied());
         let own = || tree.leaf(leaf).points();
-        let bends = |normal: &Vec3| normal.dot(&control.normals[leaf]) < CREASE_COSINE;
-        if !leaves().any(|other| bends(&control.normals[other as usize])) && !own().any(|k| bends(&normals[k])) {
+        let bends = |normal: &Vec3| normal.dot(&control_normals[leaf]) < CREASE_COSINE;
+        if !leaves().any(|other| bends(&control_normals[other as usize])) && !own().any(|k| bends(&normals[k])) {
             return 0;
         }
         let is_unresolved = |&p: &usize| {
             let same = |normal: &Vec3| normals[p].dot(normal) > SAME_FACE;
             let others = leaves().flat_map(|other| tree.leaf(other as usize).points());
             let near = others.filter(|&k| k != p && same(&normals[k]) && (points[k] - points[p]).norm_squared() < reach * reach);
-            !leaves().any(|other| same(&control.normals[other as usize])) || near.take(2).count() < 2
+            !leaves().any(|other| same(&control_normals[other as usize])) || near.take(2).count() < 2
         };
         own().filter(is_unresolved).count()
     };
-    (0..control.len()).into_par_iter().map(of_leaf).sum()
+    (0..control_normals.len()).into_par_iter().map(of_leaf).sum()
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ pub mod compliance;
 pub mod control_points;
 mod edges;
 pub mod implicit;
+pub mod rows;
 pub mod sampling;
 pub mod search;
 pub mod sphere_tree;

@@ -6,6 +6,7 @@ use crate::math::{Pose, Real, Vec3};
 use crate::surface::control_points::{ControlPoints, Weights};
 use crate::surface::edges::{Samples, unresolved};
 use crate::surface::implicit::kernel::Kernel;
+use crate::surface::rows::Rows;
 use crate::surface::sampling::point_surface::{PointSurface, Spread};
 use crate::surface::search::nearest::pick;
 use crate::surface::search::neighbours::NeighbourGrid;
@@ -17,36 +18,6 @@ use std::sync::OnceLock;
 
 /// Points of a leaf when the number of control points is not given: the paper's 36,000 / 4,800.
 pub const POINTS_PER_LEAF: Real = 7.5;
-
-/// Rows of variable length, stored flat: row `i` is `index[offsets[i]..offsets[i + 1]]`.
-#[derive(Debug, Clone, Default)]
-pub struct Rows {
-    /// One more than rows.
-    pub offsets: Vec<u32>,
-    /// Entries of all rows.
-    pub index: Vec<u32>,
-}
-
-impl Rows {
-    /// Row `i`.
-    pub fn row(&self, i: usize) -> &[u32] {
-        &self.index[self.range(i)]
-    }
-
-    /// Where row `i` lies in `index`.
-    pub fn range(&self, i: usize) -> Range<usize> {
-        self.offsets[i] as usize..self.offsets[i + 1] as usize
-    }
-
-    /// Adds one row.
-    pub fn push_row(&mut self, row: impl IntoIterator<Item = u32>) {
-        if self.offsets.is_empty() {
-            self.offsets.push(0);
-        }
-        self.index.extend(row);
-        self.offsets.push(self.index.len() as u32);
-    }
-}
 
 /// A point surface prepared for contact. Never changes: what moves and deforms is in [`crate::collider::Skin`].
 #[derive(Debug, Clone)]
@@ -158,7 +129,7 @@ impl Surface {
         interrupt.check()?;
         let (interpolation, interpolation_weights) = interpolate(&tree, &points, &normals, &control, &leaf_neighbours, interrupt);
         interrupt.check()?;
-        let unresolved = unresolved(&tree, samples, &control, &leaf_neighbours, kernel.cutoff());
+        let unresolved = unresolved(&tree, samples, &control.normals, &leaf_neighbours, kernel.cutoff());
         interrupt.check()?;
         Ok(Self {
             points,

@@ -7,8 +7,8 @@
 use super::{AxialCompliance, GreensFunction, Loaded};
 use crate::math::{Mat3, Real};
 use crate::surface::control_points::ControlPoints;
+use crate::surface::rows::Rows;
 use crate::surface::search::neighbours::NeighbourGrid;
-use crate::surface::surface_model::Rows;
 
 /// The Gaussian is cut here, in widths sigma: exp(-6.25) = 0.002 of its peak. What is cut off stays well
 /// below the local share on the diagonal, so the operator stays positive definite.

@@ -47,7 +47,7 @@ const FAR_STEPS: usize = 4;
 ///
 /// Not 0: where a box stands near the edge of a table the side of the table is at right angles to the box's face, and a turn
 /// of 1e-5 rad would make it face the box; the contact would then jump between the two faces from step to step.
-pub const FACES: Real = -0.25;
+pub const FACING_COSINE: Real = -0.25;
 
 /// Where a position lands on the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,7 +75,7 @@ pub struct Cloud<'a> {
     pub ranges: &'a [Range<u32>],
     /// Their weight by distance.
     pub kernel: &'a Kernel,
-    /// Only points with `n_k . facing <` [`FACES`] may give the reference normal: the outward normal of the touching surface.
+    /// Only points with `n_k . facing <` [`FACING_COSINE`] may give the reference normal: the outward normal of the touching surface.
     pub facing: Option<&'a Vec3>,
 }
 
@@ -210,7 +210,7 @@ impl Cloud<'_> {
     /// Whether a point with this normal may give the reference.
     #[inline(always)]
     fn faces(&self, normal: &Vec3) -> bool {
-        self.facing.is_none_or(|facing| normal.dot(facing) < FACES)
+        self.facing.is_none_or(|facing| normal.dot(facing) < FACING_COSINE)
     }
 
     /// Index and squared distance (m^2) of the nearest candidate that faces the query, the first of equals.

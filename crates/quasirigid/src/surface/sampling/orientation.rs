@@ -42,10 +42,10 @@ const EVEN: Real = 0.15;
 const EVEN_IN_NOISE: Real = 0.5;
 const COHERENT: Real = 0.55;
 /// Normals from the field replace those of the tree if their spread is below this share of that of these, and more than a few differ.
-const CLEARLY: Real = 0.7;
-const FEW: Real = 0.005;
+const LESS_SPREAD: Real = 0.7;
+const DIFFERING_SHARE: Real = 0.005;
 /// Share of points on walls from which on a cloud is taken for one with thin walls.
-const MANY: Real = 0.1;
+const WALL_SHARE: Real = 0.1;
 /// Share of doubtful normals that is not reported.
 const NEGLIGIBLE: Real = 0.002;
 /// Share of given normals that may be more than 45 degrees off the surface: edges and noise have some.
@@ -231,7 +231,7 @@ pub(crate) fn estimate(sorted: &SortedPoints, nearest: &Nearest, interrupt: &Int
     let (judged, noise) = (cloud.judge(&normals), cloud.noise(&normals));
     let noisy = noise >= NOISY;
     // What looks like noise on a thin wall is the other side of the wall.
-    let walls = noisy && cloud.share_on_walls(&normals) > MANY;
+    let walls = noisy && cloud.share_on_walls(&normals) > WALL_SHARE;
     let (agreeing, even) = if noisy && !walls { (CONSISTENT_IN_NOISE, EVEN_IN_NOISE) } else { (CONSISTENT, EVEN) };
     let closed = cloud.is_closed(&normals);
     let mut doubtful = 0.0;
@@ -241,7 +241,8 @@ pub(crate) fn estimate(sorted: &SortedPoints, nearest: &Nearest, interrupt: &Int
         let by_field = cloud.judge(&solved);
         let differ = differing(&normals, &solved);
         let possible = by_field.spread < judged.spread && cloud.is_closed(&solved);
-        thin = possible && by_field.spread < CLEARLY * judged.spread && by_field.spread < COHERENT && (walls || differ > FEW);
+        thin =
+            possible && by_field.spread < LESS_SPREAD * judged.spread && by_field.spread < COHERENT && (walls || differ > DIFFERING_SHARE);
         if thin {
             normals = solved;
             // Where a normal does not look the way of those around it, the other side of a wall is as near as its own.
@@ -299,7 +300,7 @@ pub(crate) fn check(sorted: &SortedPoints, nearest: &Nearest, given: &[Vec3], in
         let solved = cloud.solved_field();
         let by_field: Vec<Vec3> = given.iter().zip(&solved).map(|(n, out)| if n.dot(out) < 0.0 { -n } else { *n }).collect();
         let field = cloud.judge(&by_field);
-        if field.spread < CLEARLY * judged.spread && field.spread < COHERENT {
+        if field.spread < LESS_SPREAD * judged.spread && field.spread < COHERENT {
             oriented = by_field;
         }
     }
