@@ -52,8 +52,8 @@ impl Contacts {
         let places = world.body_places();
         let place = |slot: u32| places[slot as usize];
         Self {
-            points: contacts.iter().map(|c| c.point).collect(),
-            frames: contacts.iter().map(|c| c.frame).collect(),
+            points: contacts.iter().map(|c| c.acts_at).collect(),
+            frames: contacts.iter().map(|c| c.acts_along).collect(),
             gaps: (0..problem.len()).map(gap).collect(),
             reactions: problem.reactions.clone(),
             areas: contacts.iter().map(|c| c.area).collect(),

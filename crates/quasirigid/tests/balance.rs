@@ -32,7 +32,7 @@ fn contact_torque_on(world: &World, body: BodyHandle, center: &Vec3) -> Vec3 {
     let dense = body.slot();
     let torques = world.contacts().iter().zip(&world.contact_problem().reactions).map(|(contact, f)| {
         let sign = Real::from(u8::from(contact.body_a == dense)) - Real::from(u8::from(contact.body_b == dense));
-        (contact.point - center).cross(&(contact.frame * f)) * sign
+        (contact.acts_at - center).cross(&(contact.acts_along * f)) * sign
     });
     torques.sum()
 }
@@ -140,7 +140,7 @@ fn contact_torques_of_a_finger_are_those_of_its_contact_forces() {
         let mut torques = quasirigid::math::Vec6::zeros();
         for (contact, f) in scene.world.contacts().iter().zip(&scene.world.contact_problem().reactions) {
             let sign = Real::from(u8::from(contact.body_a == dense)) - Real::from(u8::from(contact.body_b == dense));
-            torques += body.point_jacobian(3, &contact.point).tr_mul(&(contact.frame * f)) * sign;
+            torques += body.point_jacobian(3, &contact.acts_at).tr_mul(&(contact.acts_along * f)) * sign;
         }
         let found = scene.world.finger(scene.hand, k).unwrap().contact_torques();
         assert!(torques.norm() > 1e-3, "finger {k} carries {torques}");

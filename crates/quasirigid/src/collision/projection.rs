@@ -137,6 +137,7 @@ impl<'a> PairGeometry<'a> {
         let (frame, friction_ratio) = anisotropic
             .unwrap_or_else(|| (contact_frame(&normal, &(self.rotation_a * self.skin_a.surface.control.tangents[control_point])), 1.0));
         let [side_a, side_b] = self.sides.map(|side| side.collider);
+        let point = self.rotation_b * x + self.shift_b;
         Some(Contact {
             pair: index,
             body_a: side_a.body,
@@ -146,8 +147,10 @@ impl<'a> PairGeometry<'a> {
             collider_a: pair.a,
             collider_b: pair.b,
             control_point: control_point as u32,
-            point: self.rotation_b * x + self.shift_b,
+            point,
             frame,
+            acts_at: pair.relative_motion.acts_at(&point),
+            acts_along: pair.relative_motion.with_b(&frame),
             friction_ratio,
             gap,
             solved_gap: gap.max(-self.params.push_out_speed * self.params.dt),

@@ -74,11 +74,11 @@ fn generalized_forces(forces: &mut Vec<Vec6>, objects: &Objects, contacts: &[Con
     forces.clear();
     forces.resize(objects.bodies.slot_count(), Vec6::zeros());
     for (contact, f) in contacts.iter().zip(reactions) {
-        let force = contact.frame * f;
+        let force = contact.acts_along * f;
         for (collider, sign) in [(contact.collider_a, 1.0), (contact.collider_b, -1.0)] {
             let side = objects.side(collider);
             if side.body.body.dof() > 0 {
-                forces[side.collider.body as usize] += side.point_jacobian(&contact.point).transpose() * force * sign;
+                forces[side.collider.body as usize] += side.point_jacobian(&contact.acts_at).transpose() * force * sign;
             }
         }
     }

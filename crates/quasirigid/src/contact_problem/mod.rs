@@ -223,16 +223,16 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &[Pair], objects:
         if let (Some(skin_a), Some(_)) = (side_a.active_skin(), side_b.active_skin()) {
             out.rigid.clear();
             for contact in patch {
-                let axes = friction_axes(contact);
-                out.delta_free.push(free_gap::delta_free(contact, &axes, pair, objects, free, dt));
+                let [axes, acts_along] = [&contact.frame, &contact.acts_along].map(|frame| friction_axes(frame, contact));
+                out.delta_free.push(free_gap::delta_free(contact, [&axes, &acts_along], pair, objects, free, dt));
                 out.mu.push(coefficient(contact, pair, [side_a, side_b]));
                 let control_point = contact.control_point as usize;
                 let predicted = pair.reactions.predict(control_point);
                 out.predicted |= predicted != pair.reactions.last[control_point];
                 out.unknowns.push(Vec3::new(predicted.x, predicted.y, predicted.z / contact.friction_ratio));
                 out.rigid.push(RigidRows {
-                    a: rigid_rows(contact, &axes, side_a, free, 1.0),
-                    b: rigid_rows(contact, &axes, side_b, free, -1.0),
+                    a: rigid_rows(contact, &acts_along, side_a, free, 1.0),
+                    b: rigid_rows(contact, &acts_along, side_b, free, -1.0),
                 });
             }
             let elastic_axes = side_a.axes().transpose();
@@ -242,7 +242,7 @@ fn fill(out: &mut ContactProblem, contacts: &[Contact], pairs: &[Pair], objects:
             let drag = pair.friction.viscous_coefficient() / dt;
             let rows = out.elastic_rows.binary_search_by_key(&(pair.a, pair.b), |rows| rows.origin.colliders).ok();
             for (i, (contact, RigidRows { a, b })) in patch.iter().zip(&out.rigid).enumerate() {
-                out.w.push_contact(a.0, &a.1, b.0, &b.1, &(elastic_axes * friction_axes(contact)));
+                out.w.push_contact(a.0, &a.1, b.0, &b.1, &(elastic_axes * friction_axes(&contact.frame, contact)));
                 if drag > 0.0 {
                     out.w.set_drag(drag * contact.area);
                 }
@@ -325,16 +325,16 @@ pub(crate) fn retain_by_index<T>(list: &mut Vec<T>, keep: impl Fn(usize) -> bool
     });
 }
 
-/// `frame D`, `D = diag(1, 1, mu_2/mu_1)`: the axes in which friction is a circle of `mu_1`, whatever its directions. With
+/// `frame D` of a frame of a contact, `D = diag(1, 1, mu_2/mu_1)`: the axes in which friction is a circle of `mu_1`, whatever its directions. With
 /// unknowns `D^-1 f` and displacements `D delta` the work of a force is what it was, and the solver knows one coefficient
 /// for each contact: see `docs/friction.md`. The contact frame itself where friction is isotropic.
-fn friction_axes(contact: &Contact) -> Mat3 {
-    let mut axes = contact.frame;
+fn friction_axes(frame: &Mat3, contact: &Contact) -> Mat3 {
+    let mut axes = *frame;
     axes.column_mut(2).scale_mut(contact.friction_ratio);
     axes
 }
 
-/// `J S` of one body at one contact, in its friction axes: its part of `W_rigid` is `(J S)(J S)^T`
+/// `J S` of one body where a contact acts, in its friction axes there: its part of `W_rigid` is `(J S)(J S)^T`
 /// as `A^-1 = S S^T`. The sign makes relative displacement a - b.
 fn rigid_rows(contact: &Contact, axes: &Mat3, side: Side<'_>, free: &[FreeMotion], sign: Real) -> (u32, Mat3x6) {
     let body = side.collider.body;
@@ -342,7 +342,7 @@ fn rigid_rows(contact: &Contact, axes: &Mat3, side: Side<'_>, free: &[FreeMotion
     if free.dof == 0 {
         return (NO_BODY, Mat3x6::zeros());
     }
-    let jacobian = side.point_jacobian(&contact.point);
+    let jacobian = side.point_jacobian(&contact.acts_at);
     (body, axes.transpose() * jacobian * free.inverse_root * sign)
 }
 

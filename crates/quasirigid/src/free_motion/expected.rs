@@ -27,12 +27,14 @@ pub struct Expected {
     pub theta: Vec3,
     /// Displacements of the joints that are in it, rad; zero for rigid bodies.
     pub joints: Vec6,
+    /// Mass of a free body, kg; 0 for others, where it is not used.
+    pub mass: Real,
 }
 
 impl Expected {
     /// At rest.
     pub fn at_rest() -> Self {
-        Self { leads: true, origin: Vec3::zeros(), shift: Vec3::zeros(), theta: Vec3::zeros(), joints: Vec6::zeros() }
+        Self { leads: true, origin: Vec3::zeros(), shift: Vec3::zeros(), theta: Vec3::zeros(), joints: Vec6::zeros(), mass: 0.0 }
     }
 
     /// Of a collider over a step of `dt` (s).
@@ -44,7 +46,7 @@ impl Expected {
             }
             Body::Rigid(body) => {
                 let theta = predicted(body.state().angular_velocity * dt);
-                Self { leads: false, origin: body.center_of_mass(), theta, ..Self::at_rest() }
+                Self { leads: false, origin: body.center_of_mass(), theta, mass: body.mass_properties().mass(), ..Self::at_rest() }
             }
             Body::Finger(finger) => {
                 let joints = joints(&side.body.body, dt);
@@ -56,11 +58,6 @@ impl Expected {
                 Self { origin: start.translation.vector, shift, theta, joints, ..Self::at_rest() }
             }
         }
-    }
-
-    /// Whether it rotates.
-    pub fn rotates(&self) -> bool {
-        self.theta != Vec3::zeros()
     }
 }
 

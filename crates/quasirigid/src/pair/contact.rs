@@ -25,11 +25,16 @@ pub struct Contact {
     pub collider_b: u32,
     /// The control point of `a`: with the two colliders, the stable key.
     pub control_point: u32,
-    /// Where it is: the deformed control point, world, m. Reactions act here on both bodies.
+    /// Where it is at the start of the step: the deformed control point, world, m.
     pub point: Vec3,
-    /// Columns (normal, tangent1, tangent2), world: orthonormal, right-handed. The normal is the outward normal of `b`:
-    /// from `b` to `a`. tangent1 lies along the direction of anisotropic friction, where there is one.
+    /// Columns (normal, tangent1, tangent2) at the start of the step, world: orthonormal, right-handed. The normal is the outward
+    /// normal of `b`: from `b` to `a`. tangent1 lies along the direction of anisotropic friction, where there is one.
     pub frame: Mat3,
+    /// Where its reaction acts on both bodies, with the poses of the start of the step, world, m: `point`, but
+    /// for what the two move in the step, see `docs/step.md`, "Rolling".
+    pub acts_at: Vec3,
+    /// The frame in which it acts, world: `frame` as `b` is expected to have rotated it at the end of the step.
+    pub acts_along: Mat3,
     /// `mu_2/mu_1`: friction coefficient along tangent2 over that along tangent1 (-); 1 where friction is isotropic.
     pub friction_ratio: Real,
     /// Gap between the deformed surfaces at the start of the step, m; > 0 means separated.

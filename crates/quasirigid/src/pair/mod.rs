@@ -107,10 +107,15 @@ impl Pair {
     }
 
     /// Displacement of `a` against `b` (m, world) in this step at a point of both, before contact
-    /// forces: free and prescribed motion, see [`RelativeMotion`]. Affine in the point.
+    /// forces: what is expected, and what the free motions differ from it. Affine in the point.
     pub(crate) fn free_displacement(&self, objects: &Objects, free: &[FreeMotion], point: &Vec3) -> Vec3 {
+        self.relative_motion.displacement(point) + self.unexpected_displacement(objects, free, point)
+    }
+
+    /// The part of it that is not expected, see [`RelativeMotion`], to first order.
+    pub(crate) fn unexpected_displacement(&self, objects: &Objects, free: &[FreeMotion], point: &Vec3) -> Vec3 {
         let [a, b] = self.sides(objects).map(|side| unexpected_displacement(side, &free[side.collider.body as usize], point));
-        a - b + self.relative_motion.displacement(point)
+        a - b + self.relative_motion.shared_displacement(point)
     }
 
     /// How deep either surface is pressed in at most, over the thickness of its layer (-): 0 where it is not, or where its

@@ -15,13 +15,23 @@ use serde::{Deserialize, Serialize};
 /// A relative motion (m, rad) of more than this in a step was a jump: one of the two was given another pose.
 const LARGEST_CONTINUOUS: Real = 0.05;
 
-/// Displacement of `a` against `b` in a step, without what their equations of motion add to it: `shift + gradient (p - at)`, world axes, m.
+/// What the two of a pair, `a` and `b`, are expected to do in a step, seen from each other.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RelativeMotion {
+    /// The centre of mass of the body that follows at the start of the step, world, m: what the affine fields below are about.
     at: Vec3,
+    /// Displacement of `a` against `b`, in full: `shift + gradient (p - at)`, in the axes that the one that leads has at the start of the step, m.
     shift: Vec3,
     /// Displacement gradient, -.
     gradient: Mat3,
+    /// What of it the free motions of the two have, too, to first order: `shared_shift + shared_theta x (p - at)`, m and rad.
+    shared_shift: Vec3,
+    shared_theta: Vec3,
+    /// From a point to where it will be, seen from where the lighter body will be: `lever_shift + lever_gradient (p - at)`, m.
+    lever_shift: Vec3,
+    lever_gradient: Mat3,
+    /// Rotation of `b` in the step, less the identity.
+    rotation_b: Mat3,
     /// Pose of `b` in the frame of `a` at the start of the last step in which they were near.
     last: Option<Pose>,
     /// rho and phi of the step before that, in the frame of the one that leads.
@@ -31,7 +41,19 @@ pub struct RelativeMotion {
 impl RelativeMotion {
     /// Of two bodies that were not near before.
     pub(crate) fn none() -> Self {
-        Self { at: Vec3::zeros(), shift: Vec3::zeros(), gradient: Mat3::zeros(), last: None, before: None }
+        let (zero, none) = (Vec3::zeros(), Mat3::zeros());
+        Self {
+            at: zero,
+            shift: zero,
+            gradient: none,
+            shared_shift: zero,
+            shared_theta: zero,
+            lever_shift: zero,
+            lever_gradient: none,
+            rotation_b: none,
+            last: None,
+            before: None,
+        }
     }
 
     /// The two were not near in this step.
@@ -39,9 +61,30 @@ impl RelativeMotion {
         (self.last, self.before) = (None, None);
     }
 
-    /// At a point (world, m).
+    /// Expected displacement of `a` against `b` at a point (world, m), in full, as the one that leads sees it, with the axes that it has at the start of the step.
     pub fn displacement(&self, point: &Vec3) -> Vec3 {
         self.shift + self.gradient * (point - self.at)
+    }
+
+    /// What [`crate::free_motion::unexpected_displacement`] of the two, `a - b`, still has of it at a
+    /// point (world, m): that of free bodies is all of their displacement.
+    pub(crate) fn shared_displacement(&self, point: &Vec3) -> Vec3 {
+        self.shared_shift + self.shared_theta.cross(&(point - self.at))
+    }
+
+    /// Where a reaction at a point of `a` (world, m) acts.
+    ///
+    /// Reactions are those of the end of the step, so their levers are those of the end of the step: `x + d_a - (c + dc)`, with
+    /// `d_a` the displacement of the point and c the centre of mass. It acts on both bodies at one place, so that angular
+    /// momentum is kept: `x + d_a - dc`, with the poses of the start of the step, dc being that of the lighter body
+    /// (of two free ones the mean, the lighter counting for as much more as the other is heavier).
+    pub(crate) fn acts_at(&self, point: &Vec3) -> Vec3 {
+        point + self.lever_shift + self.lever_gradient * (point - self.at)
+    }
+
+    /// A direction that is fixed in `b` (world axes), at the end of the step.
+    pub(crate) fn with_b(&self, frame: &Mat3) -> Mat3 {
+        frame + self.rotation_b * frame
     }
 
     /// Finds it for the step under way, of `dt` (s).
@@ -55,60 +98,70 @@ impl RelativeMotion {
     ///     dc = P(c) - c + R rho          theta_f = theta + H phi          H = R^(1/2), as exp(theta + H phi) = R exp(phi) + O(phi^2)
     /// ```
     ///
-    /// and their relative displacement is, with x the free motion of each, x_e
-    /// what was expected of it, and J taken at the start of the step:
+    /// and their relative displacement is, with x the free motion of each and x_e what was expected of it,
     ///
     /// ```text
-    ///     d_l - d_f = -w(p) + J_l (x_l - x_e,l) - J_f (x_f - x_e,f)
-    ///               = J_l (x_l - x_e,l) - J_f x_f + P(c) - c + (R - 1) rho
-    ///                 + (theta + H phi) x (p - c) - (exp(phi) - 1) (p - c)
+    ///     d_l - d_f = R [-w(p)] + J_l (x_l - x_e,l) - J_f (x_f - x_e,f)
     /// ```
     ///
-    /// If `l` is free itself (o: its centre) then J_l x_e,l subtracts `s + theta x (p - o)` again. If both lead, each has
-    /// its own P. Where the leading body is not expected to rotate, all of this is the motion to first order.
+    /// [`Self::displacement`] is `-w`, [`Self::shared_displacement`] `J_f x_e,f`, less `J_l x_e,l` if `l` is free itself
+    /// (o: its centre, s = 0). If both lead, each has its own P.
+    ///
+    /// Elastic displacements are remembered in the axes of their body. Had the axes of `f` been taken for `w`, a box that swings
+    /// between two pads would be `phi x w` off after each step: 2 nm after a turn of a hand.
     pub(crate) fn renew(&mut self, sides: [Side<'_>; 2], dt: Real) {
         let [pose_a, pose_b] = sides.map(|side| side.pose());
         let now = pose_a.inverse() * pose_b;
         let last = self.last.replace(now).unwrap_or(now);
         let [of_a, of_b] = &sides.map(|side| Expected::of(side, dt));
-        self.at = Vec3::zeros();
+        *self = Self { last: self.last, before: self.before, ..Self::none() };
+        self.rotation_b = rotation_less_identity(&of_b.theta, 1.0);
         if of_a.leads && of_b.leads {
-            let (gradient_a, gradient_b) = (rotation_less_identity(&of_a.theta, 1.0), rotation_less_identity(&of_b.theta, 1.0));
+            let (gradient_a, gradient_b) = (rotation_less_identity(&of_a.theta, 1.0), self.rotation_b);
             self.gradient = gradient_a - gradient_b;
             self.shift = of_a.shift - gradient_a * of_a.origin - (of_b.shift - gradient_b * of_b.origin);
             return;
         }
         if of_a.leads || !of_b.leads {
-            self.follow(of_a, &pose_a, of_b, &last, &now);
+            let theta_b = self.follow(of_a, &pose_a, of_b, &last, &now, true);
+            self.rotation_b = rotation_less_identity(&theta_b, 1.0);
         } else {
-            self.follow(of_b, &pose_b, of_a, &last.inverse(), &now.inverse());
+            self.follow(of_b, &pose_b, of_a, &last.inverse(), &now.inverse(), false);
             (self.shift, self.gradient) = (-self.shift, -self.gradient);
+            (self.shared_shift, self.shared_theta) = (-self.shared_shift, -self.shared_theta);
         }
     }
 
-    /// `lead` against `free`. `pose`: of the leading body; `last` and `now`: of the free one in its frame.
-    fn follow(&mut self, lead: &Expected, pose: &Pose, free: &Expected, last: &Pose, now: &Pose) {
-        (self.at, self.shift, self.gradient) = (free.origin, lead.shift, Mat3::zeros());
-        if !lead.rotates() {
-            self.before = None;
-            return;
-        }
+    /// `lead` against `free`; returns `theta_f`. `pose`: of the leading body; `last` and `now`: of the free one in its
+    /// frame; `leader_is_a`: whether the points of contact are those of the leading body.
+    fn follow(&mut self, lead: &Expected, pose: &Pose, free: &Expected, last: &Pose, now: &Pose, leader_is_a: bool) -> Vec3 {
         let center = now.inverse_transform_point(&pose.inverse_transform_point(&free.origin.into()));
         let relative = [now * center - last * center, (now.rotation * last.rotation.inverse()).scaled_axis()];
         // Linear extrapolation of the last two steps.
         let before = self.before.replace(relative).unwrap_or(relative);
         let known = [relative, before].iter().flatten().all(|v| v.amax() < LARGEST_CONTINUOUS);
         let [rho, phi] = [0, 1].map(|k| if known { pose.rotation * (relative[k] * 2.0 - before[k]) } else { Vec3::zeros() });
+        let (rotation, arc) = (rotation_less_identity(&lead.theta, 1.0), rotation_less_identity(&phi, 1.0));
+        let turned = |m: Mat3| m + rotation * m;
+        let turned_rho = rho + rotation * rho;
         let lever = free.origin - lead.origin;
-        self.shift += rotation_less_identity(&lead.theta, 1.0) * (lever + rho);
-        let mut theta = rotation_less_identity(&lead.theta, 0.5) * phi;
-        if lead.leads {
-            theta += lead.theta;
-        } else {
-            self.shift -= lead.theta.cross(&lever);
+        let dc = lead.shift + rotation * lever + turned_rho;
+        let theta_f = lead.theta + phi + rotation_less_identity(&lead.theta, 0.5) * phi;
+        self.at = free.origin;
+        (self.shift, self.gradient) = (-rho, -arc);
+        (self.shared_shift, self.shared_theta) = (dc, theta_f);
+        if !lead.leads {
+            self.shared_shift -= lead.theta.cross(&lever);
+            self.shared_theta -= lead.theta;
         }
-        // Of w what phi x (p - c) is not: a rotation about c against the other body moves c nowhere.
-        self.gradient = skew(&theta) + skew(&phi) - rotation_less_identity(&phi, 1.0);
+        // d(p) - dc of the leading body, `(R - 1)(p - c) - R rho`, or of the other, `(R - 1)(p - c) + R (exp(phi) - 1)(p - c)`.
+        (self.lever_shift, self.lever_gradient) =
+            if leader_is_a { (-turned_rho, rotation) } else { (Vec3::zeros(), rotation + turned(arc)) };
+        if !lead.leads {
+            // dc of the one less that of the other, which is expected to stay where it is: its translation is that of both.
+            self.lever_shift += dc * (free.mass / (free.mass + lead.mass));
+        }
+        theta_f
     }
 }
 
@@ -174,6 +227,11 @@ mod tests {
         RigidBody::free("free", mass, Motion::Inertial, at).unwrap()
     }
 
+    /// All of the displacement that is not in the free motions.
+    fn in_step(relative: &RelativeMotion, point: &Vec3) -> Vec3 {
+        relative.displacement(point) + relative.shared_displacement(point)
+    }
+
     /// The free motions of a step; bodies 0 and 1 are the pair.
     fn free_motions_of(world: &mut World) -> Vec<FreeMotion> {
         let mut motions = Vec::new();
@@ -197,8 +255,8 @@ mod tests {
         mirrored.renew([b, a], dt);
         let own = |k: usize, p: &Vec3| unexpected_displacement([a, b][k], &motions[k], p);
         let off = |p: &Vec3| {
-            let delta = own(0, p) - own(1, p) + relative.displacement(p) - expected(p);
-            let other = own(1, p) - own(0, p) + mirrored.displacement(p) + expected(p);
+            let delta = own(0, p) - own(1, p) + in_step(relative, p) - expected(p);
+            let other = own(1, p) - own(0, p) + in_step(&mirrored, p) + expected(p);
             delta.amax().max(other.amax())
         };
         points.iter().map(off).fold(0.0, Real::max)
@@ -262,7 +320,7 @@ mod tests {
             let mut relative = RelativeMotion::none();
             relative.renew(sides(&world), dt);
             let own = |k: usize, p: &Vec3| unexpected_displacement(sides(&world)[k], &motions[k], p);
-            let slip = points.iter().map(|p| (own(0, p) - own(1, p) + relative.displacement(p)).amax()).fold(0.0, Real::max);
+            let slip = points.iter().map(|p| (own(0, p) - own(1, p) + in_step(&relative, p)).amax()).fold(0.0, Real::max);
             // The angular velocity went through the inertia.
             prop_assert!(slip < 100.0 * ROUNDING, "slip {slip:e} m");
         }
@@ -296,7 +354,7 @@ mod tests {
                 let w = |p: &Vec3| by + Rot::from_scaled_axis(rotated) * (p - center.coords) - (p - center.coords);
                 relative.renew(sides(&world), world.params.dt);
                 if step == 2 {
-                    let slip = |p: &Vec3| relative.displacement(p) - unexpected_displacement(sides(&world)[1], &motions[1], p);
+                    let slip = |p: &Vec3| in_step(&relative, p) - unexpected_displacement(sides(&world)[1], &motions[1], p);
                     let off = points.iter().map(|p| (slip(p) + w(p)).amax()).fold(0.0, Real::max);
                     prop_assert!(off < 10.0 * ROUNDING, "off by {off:e} m");
                 }

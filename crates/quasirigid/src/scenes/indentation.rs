@@ -98,7 +98,7 @@ impl Indentation {
         let axis = self.world.body(self.ball)?.pose().translation.vector;
         let moments = self.world.contacts().iter().zip(&self.world.contact_problem().reactions).map(|(contact, f)| {
             let sign = if contact.body_a == ball { 1.0 } else { -1.0 };
-            (contact.point - axis).cross(&(contact.frame * f * sign)).z
+            (contact.acts_at - axis).cross(&(contact.acts_along * f * sign)).z
         });
         Ok(moments.sum())
     }

@@ -217,7 +217,7 @@ impl World {
         let slot = self.slot(handle)?;
         let forces = self.contacts().iter().zip(&self.workspace.problem.reactions).map(|(contact, f)| {
             let sign = Real::from(u8::from(contact.body_a == slot)) - Real::from(u8::from(contact.body_b == slot));
-            contact.frame * f * sign
+            contact.acts_along * f * sign
         });
         Ok(forces.sum())
     }
